@@ -1,0 +1,40 @@
+# make demo   record, replay and compare on the sample log
+# make test   every check that CI runs
+# make bench  what a replay costs, printed and kept in docs/benchmarks.md
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test lint bench sample clean
+
+demo: $(VENV)/installed
+	$(BIN)/arucolog demo
+
+test: lint
+	$(BIN)/pytest -m "not bench"
+
+lint: $(VENV)/installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(VENV)/installed
+	$(BIN)/pytest -m bench -s
+
+sample: $(VENV)/installed
+	$(BIN)/python -m tests.make_sample
+
+$(VENV)/installed: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+		|| { echo "Python 3.11 or newer is needed; $$($(PYTHON) --version 2>&1) was found."; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null \
+		|| { echo "python3 -m venv is missing here. Install it with: sudo apt install python3-venv"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
+	$(BIN)/python -m pip install --quiet --editable . --group dev
+	touch $@
+
+clean:
+	rm -rf $(VENV) logs/demo

@@ -1,0 +1,108 @@
+"""Results side by side: the settings that differ, and the errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from recorder.errors import InputError
+from replay.accuracy import FIXES
+from replay.result import Result, open_result
+
+
+def compare(folders: Sequence[Path]) -> pd.DataFrame:
+    """One row per result and tracker (and one for the raw fixes), best column names first.
+
+    Columns: `result`, `tracker`, each setting that is not the same in all rows, `frames`, `ok`
+    (share of frames with a pose), then errors in cm by kind of truth; those that no result has
+    are absent.
+
+    Raises:
+        InputError: a folder is no result, or results are of different logs.
+    """
+    results = [open_result(folder) for folder in folders]
+    for result in results[1:]:
+        if result.summary["log_sha256"] != results[0].summary["log_sha256"]:
+            raise InputError(
+                result.folder,
+                f"expected a result of {results[0].summary['log']} like {results[0].folder}, "
+                f"found one of {result.summary['log']}",
+            )
+    rows: list[dict[str, Any]] = []
+    settings: list[dict[str, Any]] = []
+    for result, name in zip(results, _unique_names(results), strict=True):
+        for tracker in (FIXES, *result.settings.trackers):
+            rows.append({"result": name, "tracker": tracker, **_figures(result, tracker)})
+            settings.append(_settings(result, tracker))
+    table = pd.DataFrame(rows)
+    for position, (key, values) in enumerate(_differing(settings).items()):
+        table.insert(2 + position, key, pd.Series(values, dtype=object))
+    if table["result"].nunique() == 1:
+        table = table.drop(columns="result")
+    return table.dropna(axis="columns", how="all")
+
+
+def _unique_names(results: Sequence[Result]) -> list[str]:
+    names = [result.name for result in results]
+    if len(set(names)) == len(names):
+        return names
+    return [str(result.folder) for result in results]
+
+
+def _figures(result: Result, tracker: str) -> dict[str, Any]:
+    summary = result.summary
+    row: dict[str, Any] = {
+        "frames": summary["frames"],
+        "ok %": 100.0 * summary["status"].get("ok", 0) / summary["frames"],
+    }
+    errors = summary["errors"]
+    for kind in ("exact", "measured"):
+        error = errors.get(kind, {}).get(tracker)
+        if error is not None and error["n"]:
+            row[f"{kind} rmse x cm"] = 100.0 * error["x_m"]["rmse"]
+            row[f"{kind} rmse y cm"] = 100.0 * error["y_m"]["rmse"]
+            row[f"{kind} max cm"] = 100.0 * error["position_m"]["max"]
+    error = errors.get("path", {}).get(tracker)
+    if error is not None and error["n"]:
+        row["path rms cm"] = 100.0 * error["rms_m"]
+        row["path max cm"] = 100.0 * error["max_m"]
+        row[f"% in ±{100.0 * error['band_m']:g} cm"] = 100.0 * error["share_in_band"]
+    return row
+
+
+def _settings(result: Result, tracker: str) -> dict[str, Any]:
+    """The settings that this row depends on, flat: `pose.max_markers`, `variance.kind`."""
+    whole = result.settings.model_dump(mode="json")
+    flat = _flat({"detector": whole["detector"], "pose": whole["pose"]})
+    if tracker != FIXES:
+        flat |= _flat(whole["trackers"][tracker])
+    for key in ("from_s", "to_s", "overrides"):
+        flat[key] = result.summary[key]
+    return flat
+
+
+def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = value
+    return flat
+
+
+def _differing(rows: Sequence[dict[str, Any]]) -> dict[str, list[str]]:
+    """Settings with more than one value over the rows that have them; `-` where one has none."""
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    columns = {key: [str(row[key]) if key in row else "-" for row in rows] for key in keys}
+    return {
+        key: values for key, values in columns.items() if len({v for v in values if v != "-"}) > 1
+    }
+
+
+def as_text(table: pd.DataFrame) -> str:
+    """The table for a terminal."""
+    return table.to_string(index=False, float_format=lambda value: f"{value:.2f}", na_rep="-")

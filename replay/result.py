@@ -1,0 +1,109 @@
+"""The folder that a replay leaves: written whole or not at all, and read back with checks."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pyarrow.parquet as pq
+
+from pipeline.localizer import PipelineSettings
+from recorder.errors import InputError
+from replay.settings_file import load_settings
+from replay.tables import SCHEMAS, TABLES_VERSION
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SUMMARY = "summary.json"
+
+
+@contextmanager
+def new_result(folder: Path, *, force: bool = False) -> Iterator[Path]:
+    """A temporary folder that becomes `folder` when the block ends well, and vanishes otherwise.
+
+    Raises:
+        InputError: `folder` exists (without `force`), or is no result and may not be replaced.
+    """
+    if folder.exists():
+        if not force:
+            raise InputError(folder, "already exists; --force replaces it, --name gives another")
+        if not folder.is_dir() or (any(folder.iterdir()) and not (folder / SUMMARY).exists()):
+            raise InputError(folder, "expected a result to replace, found something else")
+    temporary = folder.with_name(f".{folder.name}.part")
+    shutil.rmtree(temporary, ignore_errors=True)
+    made = [p for p in (folder.parent, *folder.parent.parents) if not p.exists()]
+    temporary.mkdir(parents=True)
+    try:
+        yield temporary
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        for parent in made:
+            parent.rmdir()
+        raise
+    if folder.exists():
+        shutil.rmtree(folder)
+    temporary.rename(folder)
+
+
+@dataclass(frozen=True)
+class Result:
+    """A replay's result, opened by `open_result`."""
+
+    folder: Path
+    summary: dict[str, Any]
+
+    @property
+    def name(self) -> str:
+        return str(self.summary["name"])
+
+    @cached_property
+    def settings(self) -> PipelineSettings:
+        """The resolved settings that it was replayed with."""
+        return load_settings(self.folder / "settings.yaml")
+
+    def table(self, name: str) -> pd.DataFrame:
+        """One of the tables.
+
+        Raises:
+            InputError: the result has no such table, or not its columns.
+        """
+        path = self.folder / f"{name}.parquet"
+        if not path.exists():
+            raise InputError(path, "expected a table of the result, found none")
+        table = pq.read_table(path)
+        missing = [c for c in SCHEMAS[name].names if c not in table.column_names]
+        if missing:
+            raise InputError(path, f"expected the column {missing[0]}, found none")
+        return table.to_pandas()
+
+
+def open_result(folder: Path) -> Result:
+    """The result in a folder.
+
+    Raises:
+        InputError: it is no result, or one whose tables are of another version.
+    """
+    path = folder / SUMMARY
+    if not folder.is_dir():
+        raise InputError(folder, "expected a folder made by `arucolog replay`, found none")
+    if not path.exists():
+        raise InputError(folder, f"expected a folder made by `arucolog replay`, found no {SUMMARY}")
+    try:
+        summary = json.loads(path.read_text())
+    except ValueError as error:
+        raise InputError(path, f"expected JSON, found: {error}") from error
+    version = summary.get("tables_version") if isinstance(summary, dict) else None
+    if version != TABLES_VERSION:
+        raise InputError(
+            path,
+            f"expected version {TABLES_VERSION}, found {version}; replay the log again",
+            "tables_version",
+        )
+    return Result(folder, summary)

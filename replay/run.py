@@ -1,0 +1,221 @@
+"""One log through the pipeline: tables, summary and a Rerun file."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+from tqdm import tqdm
+
+from pipeline.localizer import FrameResult, Localizer, PipelineSettings
+from recorder.errors import InputError
+from recorder.log.reader import LogEvent, LogImage, LogReader
+from replay.accuracy import errors
+from replay.inputs import Inputs, Overrides, gather
+from replay.result import SUMMARY, new_result
+from replay.settings_file import settings_yaml
+from replay.stages import DetectedImage, decode, detect_ahead, pair
+from replay.tables import TABLES_VERSION, TableWriter
+from replay.truth import MeasuredTruth, exact_row
+from replay.versions import versions
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """How to replay; everything that decides what comes out is in the result.
+
+    Attributes:
+        from_s, to_s: seconds of the log, from the first image's capture stamp.
+        rrd: write the Rerun file.
+        jobs: threads for decoding and detection (None: one per core); the tables are the same.
+    """
+
+    settings: PipelineSettings = field(default_factory=PipelineSettings)
+    overrides: Overrides = field(default_factory=Overrides)
+    from_s: float | None = None
+    to_s: float | None = None
+    rrd: bool = True
+    force: bool = False
+    jobs: int | None = None
+    progress: bool = True
+
+
+def replay(log: Path, out: Path, name: str, options: ReplayOptions) -> dict[str, Any]:
+    """Replays `log` into the folder `out` and returns its summary.
+
+    Raises:
+        InputError: the log, a file or the output is not what it should be; nothing is left behind.
+    """
+    with LogReader(log) as reader, new_result(out, force=options.force) as folder:
+        inputs = gather(reader, options.overrides)
+        _check_images(reader, inputs)
+        for file, data in inputs.files.items():
+            (folder / file).write_bytes(data)
+        (folder / "settings.yaml").write_bytes(settings_yaml(options.settings, versions()))
+        log_sha256 = reader.sha256()
+        started = time.perf_counter()
+        tally = _run(reader, inputs, folder, name, log_sha256, options)
+        wall_s = time.perf_counter() - started
+        if not tally.frames:
+            raise InputError(log, f"expected images in {_span(options)}, found none")
+        path = inputs.truth.path if inputs.truth else None
+        summary = {
+            "name": name,
+            "log": log.name,
+            "log_sha256": log_sha256,
+            "log_cut_short": reader.cut_short,
+            "tables_version": TABLES_VERSION,
+            "versions": versions(),
+            "overrides": sorted(
+                key for key, value in vars(options.overrides).items() if value is not None
+            ),
+            "from_s": options.from_s,
+            "to_s": options.to_s,
+            "frames": tally.frames,
+            "duration_s": tally.duration_s,
+            "status": dict(sorted(tally.status.items())),
+            "fallback": tally.fallback,
+            "wall_s": round(wall_s, 3),
+            "frames_per_second": round(tally.frames / wall_s, 2),
+            "errors": errors(folder, path),
+        }
+        (folder / SUMMARY).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n")
+    return summary
+
+
+class _Tally:
+    """What is counted while the frames go by."""
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.fallback = 0
+        self.status: Counter[str] = Counter()
+        self._first_ns = self._last_ns = 0
+
+    def add(self, result: FrameResult) -> None:
+        if not self.frames:
+            self._first_ns = result.timestamp_ns
+        self._last_ns = result.timestamp_ns
+        self.frames += 1
+        self.fallback += result.fix.fallback
+        self.status[result.fix.status] += 1
+
+    @property
+    def duration_s(self) -> float:
+        return (self._last_ns - self._first_ns) * 1e-9
+
+
+def _run(
+    reader: LogReader,
+    inputs: Inputs,
+    folder: Path,
+    name: str,
+    log_sha256: str,
+    options: ReplayOptions,
+) -> _Tally:
+    settings = options.settings
+    localizer = Localizer(settings, inputs.camera, inputs.marker_map, reader.start_ns)
+    measured = MeasuredTruth(inputs.truth, reader.start_ns)
+    jobs = options.jobs or len(os.sched_getaffinity(0))
+    tally = _Tally()
+    with ExitStack() as stack:
+        tables = stack.enter_context(TableWriter(folder))
+        recording = None
+        if options.rrd:
+            from replay.viewer.recording import ReplayRecording
+
+            recording = stack.enter_context(
+                ReplayRecording(
+                    folder / "replay.rrd",
+                    log_id=log_sha256,
+                    result_name=name,
+                    camera=inputs.camera,
+                    marker_map=inputs.marker_map,
+                    truth=inputs.truth,
+                    tracker_names=tuple(settings.trackers),
+                )
+            )
+        stack.enter_context(_opencv_threads(1 if jobs > 1 else None))
+        bar = stack.enter_context(
+            tqdm(
+                total=reader.image_count(),
+                unit="frame",
+                desc=reader.path.name,
+                disable=None if options.progress else True,
+                file=sys.stderr,
+            )
+        )
+        records = pair(reader.records(options.from_s, options.to_s))
+        for item in detect_ahead(
+            records, inputs.camera, lambda: settings.detector.build(inputs.marker_map), jobs
+        ):
+            if isinstance(item, LogEvent):
+                if recording is not None:
+                    recording.log_event(item)
+                continue
+            result = localizer.advance(
+                item.image.frame_index, item.image.timestamp_ns, item.detections
+            )
+            tally.add(result)
+            _write(tables, measured, item, result)
+            if recording is not None:
+                exact = item.exact.T_map_camera if item.exact else None
+                recording.log_frame(item.image, result, exact)
+            bar.update()
+    return tally
+
+
+def _write(
+    tables: TableWriter, measured: MeasuredTruth, item: DetectedImage, result: FrameResult
+) -> None:
+    tables.add(result)
+    if item.exact is not None:
+        tables.add_truth(
+            exact_row(result.frame_index, result.timestamp_ns, item.exact.T_map_camera)
+        )
+    for row in measured.at(result.frame_index, result.timestamp_ns):
+        tables.add_truth(row)
+
+
+def _check_images(reader: LogReader, inputs: Inputs) -> None:
+    """There are images, and the first is of the calibration's size."""
+    first = next((r for r in reader.records() if isinstance(r, LogImage)), None)
+    if first is None:
+        raise InputError(reader.path, "expected images on /camera/image, found none")
+    image = decode(first.data)
+    if image is not None and image.shape[::-1] != inputs.camera.image_size:
+        expected, found = (
+            "x".join(map(str, s)) for s in (inputs.camera.image_size, image.shape[::-1])
+        )
+        raise InputError(
+            reader.path,
+            f"expected images of {expected} as calibrated, found {found}",
+            "/camera/image",
+        )
+
+
+def _span(options: ReplayOptions) -> str:
+    start = 0.0 if options.from_s is None else options.from_s
+    end = "the end" if options.to_s is None else f"{options.to_s} s"
+    return f"the span from {start} s to {end}"
+
+
+@contextmanager
+def _opencv_threads(count: int | None) -> Iterator[None]:
+    """OpenCV with `count` threads of its own; beside ours, more get in the way."""
+    before = cv2.getNumThreads()
+    if count is not None:
+        cv2.setNumThreads(count)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)

@@ -1,0 +1,120 @@
+"""Ground truth, laid over the frames of a log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from pipeline.geometry import Pose, unit_quaternion
+from recorder.files.truth_file import Trajectory, Truth
+
+TruthKind = Literal["exact", "measured"]
+
+# A trajectory from another system says nothing about frames in a longer hole of it.
+MAX_GAP_S = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class TruthRow:
+    """The true pose at one frame; NaN where a value was not measured.
+
+    Attributes:
+        std_m: uncertainty of the position; 0 where exact, NaN where it is not known.
+    """
+
+    frame_index: int
+    timestamp_ns: int
+    kind: TruthKind
+    position_m: tuple[float, float, float]
+    quat_xyzw: tuple[float, float, float, float]
+    yaw_rad: float
+    std_m: float
+
+    def pose_columns(self) -> tuple[float, ...]:
+        """x_m, y_m, z_m, qx, qy, qz, qw, yaw_rad."""
+        return (*self.position_m, *self.quat_xyzw, self.yaw_rad)
+
+
+def exact_row(frame_index: int, timestamp_ns: int, T_map_camera: Pose) -> TruthRow:
+    """The row for a pose that the source knew exactly."""
+    return _row(frame_index, timestamp_ns, "exact", T_map_camera, 0.0)
+
+
+class MeasuredTruth:
+    """What was measured of the frames' poses: stood-at poses and timed trajectories."""
+
+    def __init__(self, truth: Truth | None, start_ns: int) -> None:
+        """`start_ns`: capture stamp of the log's first image, where the spans count from."""
+        self._start_ns = start_ns
+        self._poses = truth.poses if truth else ()
+        self._trajectory = truth.trajectory if truth else None
+        self._position_of: dict[int, int] = {}
+        if self._trajectory is not None and self._trajectory.frame_index is not None:
+            indices = self._trajectory.frame_index.tolist()
+            self._position_of = {frame: i for i, frame in enumerate(indices)}
+
+    def at(self, frame_index: int, timestamp_ns: int) -> Iterator[TruthRow]:
+        """The measured rows for one frame, none where nothing was measured."""
+        time_s = (timestamp_ns - self._start_ns) * 1e-9
+        for stood in self._poses:
+            if stood.from_s <= time_s <= stood.to_s:
+                nan = float("nan")
+                yaw_rad = nan if stood.yaw_rad is None else stood.yaw_rad
+                z_m = nan if stood.z_m is None else stood.z_m
+                yield TruthRow(
+                    frame_index,
+                    timestamp_ns,
+                    "measured",
+                    (stood.x_m, stood.y_m, z_m),
+                    (nan, nan, nan, nan),
+                    yaw_rad,
+                    stood.std_m,
+                )
+        pose = self._on_trajectory(frame_index, timestamp_ns)
+        if pose is not None:
+            yield _row(frame_index, timestamp_ns, "measured", pose, float("nan"))
+
+    def _on_trajectory(self, frame_index: int, timestamp_ns: int) -> Pose | None:
+        trajectory = self._trajectory
+        if trajectory is None:
+            return None
+        if trajectory.frame_index is not None:
+            i = self._position_of.get(frame_index)
+            if i is None:
+                return None
+            return Pose.from_quat(trajectory.positions_m[i], trajectory.quats_xyzw[i])
+        return interpolate(trajectory, timestamp_ns)
+
+
+def interpolate(trajectory: Trajectory, timestamp_ns: int) -> Pose | None:
+    """The pose between the two samples around a time; None outside and in gaps over `MAX_GAP_S`."""
+    stamps = trajectory.timestamp_ns
+    if stamps is None:
+        return None
+    after = int(np.searchsorted(stamps, timestamp_ns))
+    if after == len(stamps):
+        return None
+    if stamps[after] == timestamp_ns:
+        return Pose.from_quat(trajectory.positions_m[after], trajectory.quats_xyzw[after])
+    before = after - 1
+    if before < 0 or (stamps[after] - stamps[before]) * 1e-9 > MAX_GAP_S:
+        return None
+    share = float((timestamp_ns - stamps[before]) / (stamps[after] - stamps[before]))
+    p, q = trajectory.positions_m, trajectory.quats_xyzw
+    a, b = unit_quaternion(q[before]), unit_quaternion(q[after])
+    # The shorter way round; samples are close, so normalized interpolation is as good as slerp.
+    b = -b if a @ b < 0 else b
+    return Pose.from_quat((1 - share) * p[before] + share * p[after], (1 - share) * a + share * b)
+
+
+def _row(
+    frame_index: int, timestamp_ns: int, kind: TruthKind, pose: Pose, std_m: float
+) -> TruthRow:
+    x, y, z = pose.translation.tolist()
+    qx, qy, qz, qw = pose.quat_xyzw.tolist()
+    return TruthRow(
+        frame_index, timestamp_ns, kind, (x, y, z), (qx, qy, qz, qw), pose.yaw_rad, std_m
+    )
