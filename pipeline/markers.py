@@ -96,20 +96,21 @@ class Marker:
         size_m = float(lengths.mean())
         if not (np.isfinite(size_m) and size_m > 0):
             raise ValueError("expected four different corners")
-        centre = corners.mean(axis=0)
-        # The nearest rotation to the mean of opposite sides (Procrustes).
-        x = (corners[1] - corners[0]) + (corners[2] - corners[3])
-        y = (corners[0] - corners[3]) + (corners[1] - corners[2])
-        basis = np.stack([x, y, np.cross(x, y) / np.linalg.norm(x)], axis=1)
-        u, _, vt = np.linalg.svd(basis)
-        rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-        height = (corners - centre) @ rotation[:, 2]
-        worst = max(
+        tolerance = SQUARE_TOLERANCE * size_m
+        uneven = max(
             float(np.abs(lengths - size_m).max()),
             float(np.abs(diagonals - size_m * np.sqrt(2.0)).max()),
-            float(np.abs(height).max()),
         )
-        if worst > SQUARE_TOLERANCE * size_m:
+        centre = corners.mean(axis=0)
+        if uneven <= tolerance:
+            # The nearest rotation to the mean of opposite sides (Procrustes).
+            x = (corners[1] - corners[0]) + (corners[2] - corners[3])
+            y = (corners[0] - corners[3]) + (corners[1] - corners[2])
+            z = np.cross(x, y) / np.linalg.norm(x)
+            u, _, vt = np.linalg.svd(np.stack([x, y, z], axis=1))
+            rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+            uneven = float(np.abs((corners - centre) @ rotation[:, 2]).max())
+        if uneven > tolerance:
             raise ValueError(
                 "expected corners of a plane square (top left, top right, bottom right, "
                 f"bottom left), found sides of {np.round(lengths, 4).tolist()} m"
