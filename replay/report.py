@@ -8,45 +8,53 @@ from typing import Any
 
 def summary_text(folder: Path, summary: dict[str, Any]) -> str:
     """Some lines: frames by status, speed, errors of the fixes and each tracker, where it lies."""
-    frames = summary["frames"]
-    status = ", ".join(f"{n} {name}" for name, n in by_count(summary["status"]))
+    status = ", ".join(f"{n} {name}" for name, n in _by_count(summary["status"]))
     lines = [
-        f"{summary['log']}: {frames} frames in {summary['duration_s']:.1f} s of the log: {status}; "
-        f"{summary['frames_per_second']:.0f} frames/s"
+        f"{summary['log']}: {summary['frames']} frames, {summary['duration_s']:.1f} s: {status} "
+        f"({summary['frames_per_second']:.0f} frames/s)"
     ]
     if summary["fallback"]:
-        lines.append(
-            f"  RANSAC failed and the plain solver was used in {summary['fallback']} frames"
-        )
-    for kind, trackers in summary["errors"].items():
-        for name, error in trackers.items():
-            text = _path(error) if kind == "path" else _timed(error)
-            lines.append(f"  {name:>12} against {kind:<8} {text}")
+        lines.append(f"  in {summary['fallback']} frames RANSAC failed: the plain solver was used")
+    for kind, estimates in summary["errors"].items():
+        lines += _table(kind, estimates)
     lines.append(f"  {folder}")
     return "\n".join(lines)
 
 
-def by_count(status: dict[str, int]) -> list[tuple[str, int]]:
+def _by_count(status: dict[str, int]) -> list[tuple[str, int]]:
     """The most frequent first."""
-    return [(name, n) for name, n in sorted(status.items(), key=lambda item: (-item[1], item[0]))]
+    return sorted(status.items(), key=lambda item: (-item[1], item[0]))
 
 
-def _timed(error: dict[str, Any]) -> str:
+def _table(kind: str, estimates: dict[str, dict[str, Any]]) -> list[str]:
+    if kind == "path":
+        band_cm = 100 * next(iter(estimates.values()))["band_m"]
+        names = ["rms", "max", f"% in ±{band_cm:g} cm", "frames"]
+        title = "distance to the measured path, cm"
+    else:
+        names = ["rmse x", "rmse y", "median", "max", "frames"]
+        title = {
+            "exact": "error against the exact poses, cm",
+            "measured": "error against the measured poses, cm",
+        }[kind]
+    width = max(len(name) for name in names) + 2
+    lines = [f"  {title}", " " * 14 + "".join(f"{name:>{width}}" for name in names)]
+    for estimate, error in estimates.items():
+        cells = _path_cells(error) if kind == "path" else _timed_cells(error)
+        lines.append(f"  {estimate:<12}" + "".join(f"{cell:>{width}}" for cell in cells))
+    return lines
+
+
+def _timed_cells(error: dict[str, Any]) -> list[str]:
     if not error["n"]:
-        return "no frames"
+        return ["-"] * 4 + ["0"]
     x, y, position = error["x_m"], error["y_m"], error["position_m"]
-    return (
-        f"rmse x {100 * x['rmse']:.2f} y {100 * y['rmse']:.2f} cm, "
-        f"median {100 * position['median']:.2f} cm, max {100 * position['max']:.2f} cm "
-        f"({error['n']} frames)"
-    )
+    values = (x["rmse"], y["rmse"], position["median"], position["max"])
+    return [f"{100 * value:.2f}" for value in values] + [str(error["n"])]
 
 
-def _path(error: dict[str, Any]) -> str:
+def _path_cells(error: dict[str, Any]) -> list[str]:
     if not error["n"]:
-        return "no frames"
-    return (
-        f"rms {100 * error['rms_m']:.2f} cm, max {100 * error['max_m']:.2f} cm, "
-        f"{100 * error['share_in_band']:.1f} % within ±{100 * error['band_m']:.0f} cm "
-        f"({error['n']} frames)"
-    )
+        return ["-"] * 3 + ["0"]
+    distances = [f"{100 * error[key]:.2f}" for key in ("rms_m", "max_m")]
+    return [*distances, f"{100 * error['share_in_band']:.1f}", str(error["n"])]

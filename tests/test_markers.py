@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
 from pipeline.detection import ArucoDetection
 from pipeline.geometry import Pose
-from pipeline.markers import Facing, Marker, MarkerMap, load_dictionary, marker_rotation
+from pipeline.markers import Facing, Marker, MarkerMap, marker_rotation
 from tests import worlds
 
 
@@ -40,17 +39,7 @@ def test_a_drawn_ceiling_marker_is_decoded_with_its_corners_in_the_maps_order() 
     marker_map = worlds.ceiling()
     T_map_camera = worlds.looking_up(0.1, -0.05, 0.3, 0.5)
     expected = worlds.corners(T_map_camera, camera, marker_map)
-    image = np.full((720, 1280), 220, np.uint8)
-    for marker_id, corners in zip(expected.ids, expected.corners_px, strict=True):
-        side = 200
-        drawn = cv2.aruco.generateImageMarker(
-            load_dictionary(marker_map.dictionary), int(marker_id), side
-        )
-        # Pixel centres are integers: the print's outline is half a pixel outside its centres.
-        outline = np.array([[0, 0], [side, 0], [side, side], [0, side]]) - 0.5
-        warp = cv2.getPerspectiveTransform(outline.astype(np.float32), corners.astype(np.float32))
-        mask = cv2.warpPerspective(np.full((side, side), 255, np.uint8), warp, (1280, 720))
-        image = np.where(mask > 127, cv2.warpPerspective(drawn, warp, (1280, 720)), image)
+    image = worlds.draw(T_map_camera, camera, marker_map)
     found = ArucoDetection(corner_refinement="subpix").build(marker_map)(image)
     assert sorted(found.ids) == sorted(expected.ids)
     for marker_id, corners in zip(found.ids, found.corners_px, strict=True):

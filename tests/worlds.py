@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import cv2
 import numpy as np
 
 from pipeline.camera import Camera, DistortionModel
-from pipeline.detection import Detections
+from pipeline.detection import Detections, GrayImage
 from pipeline.geometry import Array, Pose, rotation_z
-from pipeline.markers import Marker, MarkerMap
+from pipeline.markers import Marker, MarkerMap, load_dictionary
+from recorder.files.camera_file import camera_yaml
+from recorder.files.map_file import map_yaml
+from recorder.log.writer import LogWriter
+from recorder.sources.base import CapturedFrame
 
 COEFFICIENTS: dict[DistortionModel, tuple[float, ...]] = {
     "plumb_bob": (-0.28, 0.09, 0.0008, -0.0011, -0.01),
@@ -57,3 +64,67 @@ def with_noise(detections: Detections, sigma_px: float, seed: int) -> Detections
     """The same with Gaussian corner noise."""
     noise: Array = np.random.default_rng(seed).normal(0, sigma_px, detections.corners_px.shape)
     return Detections(detections.ids, detections.corners_px + noise)
+
+
+def draw(T_map_camera: Pose, camera: Camera, marker_map: MarkerMap) -> GrayImage:
+    """A picture of the markers through an ideal lens, good to about a tenth of a pixel."""
+    seen = corners(T_map_camera, camera, marker_map)
+    size = camera.image_size
+    image = np.full(size[::-1], 220, np.uint8)
+    side = 200
+    # Pixel centres are integers: the print's outline is half a pixel outside its outer pixels.
+    outline = (np.array([[0, 0], [side, 0], [side, side], [0, side]]) - 0.5).astype(np.float32)
+    dictionary = load_dictionary(marker_map.dictionary)
+    for marker_id, quad in zip(seen.ids, seen.corners_px, strict=True):
+        print_ = cv2.aruco.generateImageMarker(dictionary, int(marker_id), side)
+        warp = cv2.getPerspectiveTransform(outline, quad.astype(np.float32))
+        mask = cv2.warpPerspective(np.full((side, side), 255, np.uint8), warp, size)
+        image[mask > 127] = cv2.warpPerspective(print_, warp, size)[mask > 127]
+    return image
+
+
+def drive(n_frames: int) -> list[Pose]:
+    """A slightly tilted camera on its way along x, 2 cm a frame."""
+    tilt = Pose.from_rvec_tvec((0.03, -0.05, 0.0), (0, 0, 0))
+    return [looking_up(-0.3 + 0.02 * i, 0.1, 0.3, 0.3) @ tilt for i in range(n_frames)]
+
+
+START_NS = 1_700_000_000_000_000_000
+FRAME_NS = 100_000_000
+
+TRUTH_YAML = b"""\
+frame: map
+method: drawn
+path: {points_m: [[-0.3, 0.1], [0.3, 0.1]], closed: false, std_m: 0.05}
+poses:
+  - {from_s: 0, to_s: 0.05, x_m: -0.3, y_m: 0.1, z_m: 0.3, yaw_deg: 17.0, std_m: 0.005}
+"""
+
+
+def small_log(
+    path: Path,
+    n_frames: int = 12,
+    *,
+    exact: bool = True,
+    damaged: tuple[int, ...] = (),
+    attachments: tuple[str, ...] = ("camera.yaml", "map.yaml", "truth.yaml"),
+) -> Path:
+    """Records a drive through drawn images at 10 frames/s; frames in `damaged` are no JPEGs."""
+    lens, marker_map = camera(ideal=True), ceiling()
+    files = {
+        "camera.yaml": camera_yaml(lens),
+        "map.yaml": map_yaml(marker_map),
+        "truth.yaml": TRUTH_YAML,
+    }
+    given = {name: files[name] for name in attachments}
+    with LogWriter(path, attachments=given, session={"source": "test"}) as writer:
+        for i, pose in enumerate(drive(n_frames)):
+            stamp = START_NS + i * FRAME_NS
+            data = cv2.imencode(".jpg", draw(pose, lens, marker_map))[1].tobytes()
+            if i in damaged:
+                # The header stays, so that the recorder takes it; nothing behind it does.
+                data = data[:700]
+            writer.write_frame(
+                CapturedFrame(i, stamp, stamp, data, "jpeg", pose if exact else None)
+            )
+    return path
