@@ -189,7 +189,7 @@ def test_marker_is_drawn_as_opencv_draws_it(looking: str, inverted: bool) -> Non
 
 def _quarter_turns(corners_px: Array) -> int:
     right = corners_px[1] - corners_px[0]
-    return round(np.degrees(np.arctan2(-right[1], right[0])) / 90) % 4
+    return round(float(np.degrees(np.arctan2(-right[1], right[0]))) / 90) % 4
 
 
 def test_motion_blur_is_as_long_as_the_way_during_the_exposure() -> None:
@@ -242,8 +242,7 @@ def test_folding_distortion_shows_nothing_twice() -> None:
 def test_outside_the_image_circle_it_is_black() -> None:
     matrix = np.array([[300.0, 0, 319.5], [0, 300.0, 239.5], [0, 0, 1]])
     camera = Camera(640, 480, matrix, "plumb_bob", np.array([-0.4, 0.0, 0.0, 0.0, 0.0]))
-    for kind in ("plain", "plaster"):
-        surface = Surface(height_m=1.0, texture=kind)  # type: ignore[arg-type]
+    for surface in (Surface(height_m=1.0), Surface(height_m=1.0, texture="plaster")):
         image = Renderer(camera, (), surface).render(looking_up())
         assert image[0, 0] == image[-1, -1] == 0.0
         assert image[240, 320] > 100
@@ -274,6 +273,10 @@ def test_nearer_things_hide_farther_ones_whatever_their_order() -> None:
     assert images[0][240, 300] == pytest.approx(0.9 * 255, rel=1e-4)
 
 
+def correlation(a: Array, b: Array) -> float:
+    return float(((a - a.mean()) * (b - b.mean())).mean() / (a.std() * b.std()))
+
+
 def test_noise_has_its_size_and_differs_between_frames_and_seeds() -> None:
     image = ImageSettings(noise_std=3.0)
     renderer = Renderer(pinhole(), (), image=image, seed=5)
@@ -283,10 +286,9 @@ def test_noise_has_its_size_and_differs_between_frames_and_seeds() -> None:
     assert (first - clean).std() == pytest.approx(np.sqrt(9 + 1 / 12), rel=0.01)
     assert (first - clean).mean() == pytest.approx(0.0, abs=0.03)
     residuals = [a.ravel() - clean for a in (first, second)]
-    assert abs(np.corrcoef(*residuals)[0, 1]) < 0.01
+    assert abs(correlation(*residuals)) < 0.01
     for shift in (1, 2, 3, 4, 640):
-        pair = np.corrcoef(residuals[0][shift:], residuals[0][:-shift])
-        assert abs(pair[0, 1]) < 0.01
+        assert abs(correlation(residuals[0][shift:], residuals[0][:-shift])) < 0.01
     again = Renderer(pinhole(), (), image=image, seed=5).capture(looking_up(), 0)
     np.testing.assert_array_equal(first, again)
     other = Renderer(pinhole(), (), image=image, seed=6).capture(looking_up(), 0)

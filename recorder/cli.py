@@ -1,0 +1,214 @@
+"""The verbs `init`, `record`, `info` and `attach`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import click
+
+if TYPE_CHECKING:
+    from recorder.sources.opening import SourceOptions
+
+_FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+def commands() -> list[click.Command]:
+    return [init, record, info, attach]
+
+
+@click.command(
+    epilog="""\b
+Example:
+  arucolog init hall --rows 4 --cols 6 --pitch-m 0.8 --height-m 2.6
+"""
+)
+@click.argument("folder", metavar="[DIR]", default=".", type=click.Path(path_type=Path))
+@click.option("--rows", type=click.IntRange(min=1), default=3, show_default=True)
+@click.option("--cols", type=click.IntRange(min=1), default=4, show_default=True)
+@click.option("--pitch-m", type=float, default=1.0, show_default=True, help="Between markers.")
+@click.option("--height-m", type=float, default=2.5, show_default=True, help="Of the ceiling.")
+@click.option("--size-m", type=float, default=0.15, show_default=True, help="Of the black square.")
+@click.option("--dictionary", default="DICT_6X6_1000", show_default=True, help="Of cv2.aruco.")
+@click.option("--force", is_flag=True, help="Replace files that exist.")
+def init(
+    folder: Path,
+    rows: int,
+    cols: int,
+    pitch_m: float,
+    height_m: float,
+    size_m: float,
+    dictionary: str,
+    force: bool,
+) -> None:
+    """Write commented camera, map, truth and settings files to start from.
+
+    The map is a grid of markers on a ceiling.
+    """
+    from recorder.templates import CeilingGrid, write_templates
+
+    try:
+        grid = CeilingGrid(rows, cols, pitch_m, height_m, size_m, dictionary)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+    for path in write_templates(folder, grid, force=force):
+        click.echo(path)
+
+
+@click.command(
+    epilog="""\b
+Example:
+  arucolog record drive.mp4 --camera camera.yaml --map map.yaml --truth truth.yaml -o drive.mcap
+"""
+)
+@click.argument("source", metavar="SOURCE")
+@click.option("-o", "--output", type=_FILE, help="The log [logs/STEM-UTC.mcap].")
+@click.option("--camera", type=_FILE, help="The calibration, camera.yaml.")
+@click.option("--map", "map_path", type=_FILE, help="Where the markers are, map.yaml.")
+@click.option("--truth", type=_FILE, help="The ground truth: truth.yaml, TUM or CSV.")
+@click.option(
+    "--start",
+    metavar="TIME",
+    help="Capture time of second 0 of a file: seconds since 1970, or as 2025-06-01T12:00:00Z "
+    "[the video's creation time, else 0].",
+)
+@click.option(
+    "--fps", metavar="RATE", help="Images a second in a folder, such as 10 or 30000/1001 [1]."
+)
+@click.option(
+    "--encoding",
+    type=click.Choice(["jpeg", "png"]),
+    help="Of video that is not MJPEG, which stays as it is [jpeg, quality 95].",
+)
+@click.option("--force", is_flag=True, help="Replace a log that exists.")
+def record(
+    source: str,
+    output: Path | None,
+    camera: Path | None,
+    map_path: Path | None,
+    truth: Path | None,
+    start: str | None,
+    fps: str | None,
+    encoding: Literal["jpeg", "png"] | None,
+    force: bool,
+) -> None:
+    """Record SOURCE into a log: a video, a folder of images, a scene.yaml or a shipped scene.
+
+    Calibration, map and truth go into the log as they are. Ctrl-C ends a recording early; what is
+    recorded stays.
+    """
+    from tqdm import tqdm
+
+    from recorder.attachments import read_attachments
+    from recorder.record import record as record_log
+    from recorder.record_text import ending_text, summary_text
+    from recorder.sources.opening import open_source
+
+    options = _source_options(start, fps, encoding)
+    attachments = read_attachments(camera, map_path, truth)
+    opened = open_source(source, options)
+    with (
+        _log_path(output, opened.name) as path,
+        tqdm(total=opened.frame_count(), unit="frame", desc="record", disable=None) as bar,
+    ):
+        summary = record_log(
+            opened, path, attachments=attachments, force=force, sinks=[lambda _: bar.update()]
+        )
+    click.echo(summary_text(summary))
+    if ending := ending_text(summary):
+        click.echo(ending, err=True)
+    if summary.ended != "complete":
+        click.get_current_context().exit(130 if summary.ended == "interrupted" else 1)
+
+
+@click.command(
+    epilog="""\b
+Example:
+  arucolog info logs/sample.mcap --json
+"""
+)
+@click.argument("log", type=_FILE)
+@click.option("--json", "as_json", is_flag=True, help="Everything as JSON.")
+def info(log: Path, as_json: bool) -> None:
+    """Say what is in a log: frames, rate, gaps, calibration, map, truth, events, how it ended."""
+    import json
+
+    from recorder.info import log_info
+    from recorder.info_text import info_text
+
+    found = log_info(log)
+    click.echo(json.dumps(found.as_dict(), indent=2) if as_json else info_text(found))
+
+
+@click.command(
+    epilog="""\b
+Example:
+  arucolog attach drive.mcap --truth measured-later.yaml -o drive-with-truth.mcap
+"""
+)
+@click.argument("log", type=_FILE)
+@click.option("--truth", type=_FILE, help="The ground truth: truth.yaml, TUM or CSV.")
+@click.option("--camera", type=_FILE, help="The calibration, camera.yaml.")
+@click.option("--map", "map_path", type=_FILE, help="Where the markers are, map.yaml.")
+@click.option("-o", "--output", type=_FILE, required=True, help="The copy.")
+@click.option("--force", is_flag=True, help="Replace a log that exists, also LOG itself.")
+def attach(
+    log: Path,
+    truth: Path | None,
+    camera: Path | None,
+    map_path: Path | None,
+    output: Path,
+    force: bool,
+) -> None:
+    """Copy a log with other truth, calibration or map in it; images and times stay as they are."""
+    from recorder.attach import attach as attach_files
+    from recorder.attachments import read_attachments
+
+    attachments = read_attachments(camera, map_path, truth)
+    if not attachments:
+        raise click.UsageError("expected --truth, --camera or --map")
+    attach_files(log, output, attachments, force=force)
+    click.echo(f"{output}: {', '.join(attachments)} attached")
+
+
+def _source_options(
+    start: str | None, fps: str | None, encoding: Literal["jpeg", "png"] | None
+) -> SourceOptions:
+    from fractions import Fraction
+
+    from recorder.sources.opening import SourceOptions, parse_start
+
+    rate = None
+    if fps is not None:
+        try:
+            rate = Fraction(fps)
+        except (ValueError, ZeroDivisionError):
+            rate = Fraction(0)
+        if rate <= 0:
+            raise click.BadParameter(f"expected a rate above 0, found {fps!r}", param_hint="--fps")
+    try:
+        start_ns = None if start is None else parse_start(start)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--start") from error
+    return SourceOptions(start_ns, rate, encoding)
+
+
+@contextmanager
+def _log_path(output: Path | None, stem: str) -> Iterator[Path]:
+    """The log to write; a folder `logs` that was made for it goes again if nothing came of it."""
+    if output is not None:
+        yield output
+        return
+    from datetime import UTC, datetime
+
+    folder = Path("logs")
+    made = not folder.exists()
+    folder.mkdir(exist_ok=True)
+    try:
+        yield folder / f"{stem}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap"
+    finally:
+        if made:
+            with suppress(OSError):
+                folder.rmdir()

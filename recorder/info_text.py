@@ -1,0 +1,105 @@
+"""`arucolog info` for people."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from recorder.info import LogInfo, TruthInfo
+
+_SHOWN = 10
+
+
+def info_text(info: LogInfo) -> str:
+    """Aligned lines, without one for what the log does not have to say."""
+    rows = [
+        ("log", f"{info.path} ({size_text(info.bytes)})"),
+        ("ended", info.ended),
+        ("images", _images(info)),
+        ("time", _time(info)),
+        ("camera", _camera(info)),
+        ("map", _map(info)),
+        ("truth", _truth(info.truth)),
+        ("events", ", ".join(f"{n} {level}" for level, n in info.events_by_level.items())),
+    ]
+    gaps = info.images.gaps
+    rows += [
+        (
+            "gap",
+            f"{gap.pause_s:.3f} s after frame {gap.after_frame} at {gap.at_s:.3f} s"
+            + (f", {gap.missing} frames missing" if gap.missing else ""),
+        )
+        for gap in gaps[:_SHOWN]
+    ]
+    if len(gaps) > _SHOWN:
+        rows.append(("gap", f"... {len(gaps)} in all"))
+    rows += [
+        ("event", f"{e['at_s']:.3f} s {e['level']}: {e['text']}") for e in info.events[:_SHOWN]
+    ]
+    rows += [("problem", text) for text in info.problems]
+    rows += sorted(info.session.items())
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:<{width}}  {text}" for name, text in rows if text)
+
+
+def size_text(size: int) -> str:
+    """Bytes in the unit that suits."""
+    if size < 1000:
+        return f"{size} B"
+    for unit, scale in (("kB", 1e3), ("MB", 1e6), ("GB", 1e9)):
+        if size < 1000 * scale or unit == "GB":
+            return f"{size / scale:.1f} {unit}"
+    return ""
+
+
+def _images(info: LogInfo) -> str:
+    images = info.images
+    if not images.count:
+        return "none"
+    size = f"{images.width_px}x{images.height_px} " if images.width_px else ""
+    formats = ", ".join(images.formats)
+    missing = f", {images.missing} missing" if images.missing else ""
+    mean = size_text(images.bytes // images.count)
+    return f"{images.count} {size}{formats}, {mean} each{missing}"
+
+
+def _time(info: LogInfo) -> str:
+    images = info.images
+    if images.first_timestamp_ns is None:
+        return ""
+    rate = f" at {images.rate_hz:.2f} frames/s" if images.rate_hz else ""
+    start = datetime.fromtimestamp(images.first_timestamp_ns // 10**9, UTC)
+    return f"{images.duration_s:.3f} s{rate}, from {start:%Y-%m-%d %H:%M:%S} UTC"
+
+
+def _camera(info: LogInfo) -> str:
+    camera = info.camera
+    if camera is None:
+        return "none: replay needs --camera"
+    return (
+        f"{camera.name}, {camera.width_px}x{camera.height_px}, {camera.distortion_model}, "
+        f"f {camera.fx_px:.1f} {camera.fy_px:.1f}, c {camera.cx_px:.1f} {camera.cy_px:.1f} px"
+    )
+
+
+def _map(info: LogInfo) -> str:
+    marker_map = info.map
+    if marker_map is None:
+        return "none: replay needs --map"
+    sizes = ", ".join(f"{size:g}" for size in marker_map.sizes_m)
+    return (
+        f"{marker_map.markers} markers of {sizes} m, {marker_map.dictionary}, "
+        f"frame {marker_map.frame}"
+    )
+
+
+def _truth(truth: TruthInfo | None) -> str:
+    if truth is None:
+        return "none"
+    counts = (
+        (truth.path_points, "path of {} points"),
+        (truth.stood_poses, "{} poses stood at"),
+        (truth.trajectory_poses, "trajectory of {} poses"),
+        (truth.exact_poses, "{} exact poses"),
+    )
+    parts = [text.format(n) for n, text in counts if n]
+    return ", ".join(parts) + (f" ({truth.method})" if truth.method else "")

@@ -1,0 +1,1 @@
+"""The log: one MCAP file that holds everything that entered."""

@@ -1,0 +1,199 @@
+"""A video file as a source."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime, timedelta
+from fractions import Fraction
+from pathlib import Path
+from typing import Literal
+
+import av
+import cv2
+from av.container import InputContainer
+from av.packet import Packet
+from av.video.frame import VideoFrame
+from av.video.stream import VideoStream
+
+from recorder.errors import InputError
+from recorder.sources.base import CapturedFrame, SourceEvent
+
+Encoding = Literal["jpeg", "png"]
+
+_JPEG_QUALITY = 95
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+class VideoSource:
+    """The first video stream of a file; what is JPEG in it keeps its bytes.
+
+    Other codecs are decoded, and encoded as JPEG of quality 95 or as PNG. Capture is the frame's
+    time stamp in the file plus the start: the one given, else the container's creation time, else
+    0. A frame that cannot be read leaves a gap in the frame numbers and an event.
+    """
+
+    def __init__(
+        self, path: Path, *, start_ns: int | None = None, encoding: Encoding = "jpeg"
+    ) -> None:
+        """Reads what the container says of itself.
+
+        Raises:
+            InputError: not a video.
+        """
+        self.name = path.stem
+        self._path = path
+        self._encoding = encoding
+        with self._open() as container:
+            stream = _video_stream(container)
+            if stream is None or not stream.codec_context.width:
+                raise InputError(path, "expected a video, found no video stream in it")
+            self._codec = stream.codec_context.name
+            self._size = (stream.codec_context.width, stream.codec_context.height)
+            self._frame_count = stream.frames or None
+            self._rate = stream.average_rate
+            created_ns = _creation_time_ns({**stream.metadata, **container.metadata})
+        self._start_ns = created_ns if start_ns is None else start_ns
+
+    def describe(self) -> dict[str, str]:
+        return {
+            "kind": "video",
+            "name": self._path.name,
+            "codec": self._codec,
+            "encoding": "as it is" if self._passes_through else self._encoding,
+            "start_ns": str(self._start_ns),
+        }
+
+    @property
+    def attachments(self) -> Mapping[str, bytes]:
+        return {}
+
+    @property
+    def image_size(self) -> tuple[int, int]:
+        return self._size
+
+    def frame_count(self) -> int | None:
+        return self._frame_count
+
+    @property
+    def _passes_through(self) -> bool:
+        return self._codec == "mjpeg"
+
+    def frames(self) -> Iterator[CapturedFrame | SourceEvent]:
+        with self._open() as container:
+            stream = _video_stream(container)
+            if stream is None:
+                return
+            pictures = self._packets if self._passes_through else self._decoded
+            last_ns = -1
+            for item in pictures(container, stream):
+                if isinstance(item, CapturedFrame):
+                    if item.timestamp_ns <= last_ns:
+                        text = f"frame {item.frame_index} is not later than the one before"
+                        yield SourceEvent(item.timestamp_ns, "warning", text)
+                    last_ns = item.timestamp_ns
+                yield item
+
+    def _packets(
+        self, container: InputContainer, stream: VideoStream
+    ) -> Iterator[CapturedFrame | SourceEvent]:
+        last_ns = self._start_ns
+        for index, packet in enumerate(_demuxed(container, stream)):
+            if packet is None or packet.is_corrupt or not packet.size:
+                yield _lost(last_ns, index)
+                continue
+            last_ns = self._capture_ns(packet.pts, packet.time_base, index)
+            yield CapturedFrame(index, last_ns, last_ns, bytes(packet), "jpeg")
+
+    def _decoded(
+        self, container: InputContainer, stream: VideoStream
+    ) -> Iterator[CapturedFrame | SourceEvent]:
+        last_ns = self._start_ns
+        index = packets = 0
+        for packet in _demuxed(container, stream, flush=True):
+            packets += packet is not None and packet.size > 0
+            try:
+                pictures = packet.decode() if packet is not None else None
+            except av.error.FFmpegError:
+                pictures = None
+            if pictures is None:
+                yield _lost(last_ns, index)
+                index += 1
+                continue
+            for picture in pictures:
+                if not isinstance(picture, VideoFrame) or picture.is_corrupt:
+                    yield _lost(last_ns, index)
+                else:
+                    last_ns = self._capture_ns(picture.pts, picture.time_base, index)
+                    data = self._encoded(picture)
+                    yield CapturedFrame(index, last_ns, last_ns, data, self._encoding)
+                index += 1
+        if packets > index:
+            text = f"{packets - index} packets of the video gave no image"
+            yield SourceEvent(last_ns, "warning", text, dropped=packets - index)
+
+    def _capture_ns(self, pts: int | None, time_base: Fraction | None, index: int) -> int:
+        if pts is not None and time_base is not None:
+            offset_s = pts * time_base
+        elif self._rate:
+            offset_s = index / self._rate
+        else:
+            raise InputError(self._path, "expected time stamps or a frame rate, found neither")
+        timestamp_ns = self._start_ns + round(offset_s * 10**9)
+        if timestamp_ns < 0:
+            raise InputError(
+                self._path, "expected times since 1970, found one before (--start moves them)"
+            )
+        return timestamp_ns
+
+    def _encoded(self, picture: VideoFrame) -> bytes:
+        image = picture.to_ndarray(format="bgr24")
+        if self._encoding == "png":
+            _, encoded = cv2.imencode(".png", image)
+        else:
+            _, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        return encoded.tobytes()
+
+    def _open(self) -> InputContainer:
+        try:
+            return av.open(str(self._path), mode="r")
+        except FileNotFoundError as error:
+            raise InputError(self._path, "expected a video, found no file") from error
+        except (av.error.FFmpegError, OSError, ValueError) as error:
+            raise InputError(self._path, "expected a video, found something else") from error
+
+
+def _video_stream(container: InputContainer) -> VideoStream | None:
+    return container.streams.video[0] if container.streams.video else None
+
+
+def _demuxed(
+    container: InputContainer, stream: VideoStream, flush: bool = False
+) -> Iterator[Packet[VideoStream] | None]:
+    """The packets of the stream, None for what cannot be read; `flush` adds the empty last one."""
+    packets = container.demux(stream)
+    while True:
+        try:
+            packet = next(packets)
+        except (StopIteration, av.error.EOFError):
+            return
+        except av.error.FFmpegError:
+            # A container that is damaged here cannot be read on.
+            yield None
+            return
+        if packet.size or flush or packet.pts is not None:
+            yield packet
+
+
+def _lost(timestamp_ns: int, index: int) -> SourceEvent:
+    return SourceEvent(timestamp_ns, "warning", f"frame {index} is corrupt", dropped=1)
+
+
+def _creation_time_ns(metadata: Mapping[str, str]) -> int:
+    """The container's creation time; 0 where there is none, or a nonsense one before 1970."""
+    try:
+        created = datetime.fromisoformat(metadata.get("creation_time", ""))
+    except ValueError:
+        return 0
+    if created.tzinfo is None:
+        created = created.replace(tzinfo=UTC)
+    return max(0, (created - _EPOCH) // timedelta(microseconds=1) * 1000)

@@ -1,0 +1,1 @@
+"""Rerun recordings of replays and logs, and the viewer that shows them."""

@@ -1,0 +1,46 @@
+"""A Rerun recording that gets its name only when it is whole."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import rerun as rr
+from rerun.chunk import RrdReader
+
+from replay.viewer import style
+
+
+class RecordingFile:
+    """A stream into PATH.part, renamed to PATH by `close`."""
+
+    def __init__(self, path: Path, recording_id: str, name: str) -> None:
+        self._path = path
+        self._part = path.with_name(f"{path.name}.part")
+        self.stream = rr.RecordingStream(style.APPLICATION_ID, recording_id=recording_id)
+        self.stream.save(self._part)
+        self.stream.set_log_time_enabled(False)
+        self.stream.set_log_tick_enabled(False)
+        self.stream.send_recording_name(name)
+
+    def close(self) -> None:
+        """
+        Raises:
+            OSError: the file is not whole, as on a full disk.
+        """
+        self.stream.flush()
+        self.stream.disconnect()
+        try:
+            # Rerun only logs a failed write; a file without its footer lists nothing.
+            whole = bool(RrdReader(self._part).recordings())
+        except Exception as error:
+            self.discard()
+            raise OSError(f"{self._path}: could not be written: {error}") from error
+        if not whole:
+            self.discard()
+            raise OSError(f"{self._path}: could not be written; is the disk full?")
+        os.replace(self._part, self._path)
+
+    def discard(self) -> None:
+        self.stream.disconnect()
+        self._part.unlink(missing_ok=True)

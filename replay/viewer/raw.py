@@ -1,0 +1,82 @@
+"""A log that was not replayed, as a Rerun recording with a layout."""
+
+from __future__ import annotations
+
+from array import array
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.geometry import Array
+from recorder.log.reader import ExactPose, LogImage, LogReader
+from replay.viewer import columns, scene, style
+from replay.viewer.layout import SceneBounds, log_layout
+from replay.viewer.output import RecordingFile
+
+_FLUSH_ROWS = 256
+
+
+def convert(log: Path, rrd: Path) -> None:
+    """Writes what the log holds (images, camera, markers, truth, events) into `rrd`.
+
+    Raises:
+        InputError: the log is not one.
+    """
+    with LogReader(log) as reader:
+        file = RecordingFile(rrd, reader.sha256(), log.stem)
+        try:
+            _write(reader, file)
+        except BaseException:
+            file.discard()
+            raise
+        file.close()
+
+
+def _write(reader: LogReader, file: RecordingFile) -> None:
+    stream = file.stream
+    marker_map = reader.marker_map()
+    if marker_map is not None:
+        scene.log_map(stream, marker_map)
+    exact_m = _write_records(reader, file)
+    markers_m = np.empty((0, 3)) if marker_map is None else marker_map.corners_m(marker_map.ids)
+    bounds = SceneBounds.around(markers_m, exact_m)
+    camera = reader.camera()
+    if camera is not None:
+        pinhole = scene.pinhole(camera, 0.25 * bounds.radius_m, style.CAMERA_COLOUR)
+        stream.log(style.CAMERA, pinhole, static=True)
+    truth = reader.truth()
+    if truth is not None:
+        scene.log_truth(stream, truth, float(np.median(exact_m[:, 2])) if len(exact_m) else 0.0)
+    if len(exact_m):
+        scene.log_line(stream, style.TRUTH_EXACT, exact_m, style.TRUTH_COLOUR)
+    layout = log_layout(
+        bounds,
+        has_pose=camera is not None and len(exact_m) > 0,
+        has_scene=marker_map is not None or truth is not None or len(exact_m) > 0,
+    )
+    stream.send_blueprint(layout)
+
+
+def _write_records(reader: LogReader, file: RecordingFile) -> Array:
+    """Images, exact poses and events; returns the exact positions (N, 3)."""
+    stream, start_ns = file.stream, reader.start_ns
+    buffer = columns.ColumnBuffer(stream)
+    positions = array("d")
+    for record in reader.records():
+        if start_ns is None:
+            start_ns = record.timestamp_ns
+        time_ns = record.timestamp_ns - start_ns
+        if isinstance(record, LogImage):
+            scene.set_time(stream, time_ns, record.frame_index)
+            scene.log_image(stream, record.data, record.format)
+        elif isinstance(record, ExactPose):
+            buffer.at(time_ns, record.frame_index)
+            buffer.add(style.CAMERA, columns.transforms, record.T_map_camera)
+            positions.extend(record.T_map_camera.translation)
+            if len(positions) % (3 * _FLUSH_ROWS) == 0:
+                buffer.flush()
+        else:
+            scene.set_time(stream, time_ns)
+            scene.log_event(stream, style.EVENTS, scene.event_text(record), record.level)
+    buffer.flush()
+    return np.array(positions, dtype=np.float64).reshape(-1, 3)

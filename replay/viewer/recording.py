@@ -1,0 +1,302 @@
+"""The Rerun recording of one replay, written frame by frame."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+import rerun as rr
+
+from pipeline.camera import Camera
+from pipeline.geometry import Array, Pose
+from pipeline.localizer import FrameResult
+from pipeline.markers import MarkerMap
+from pipeline.tracker import TrackState
+from recorder.files.truth_file import Truth
+from recorder.log.reader import LogEvent, LogImage
+from replay.accuracy import distance_to_path
+from replay.truth import MeasuredTruth
+from replay.viewer import columns, scene, style
+from replay.viewer.layout import ResultLayout, SceneBounds, results_layout
+from replay.viewer.output import RecordingFile
+from replay.viewer.result_style import RAW_FIX, log_styles
+from replay.viewer.status import StatusEvents
+
+# χ² with two degrees of freedom stays below this in 95 % of the cases.
+NIS_BOUND = 5.991
+
+_FLUSH_FRAMES = 64
+# Half the height of the flat uncertainty ellipses.
+_THIN_M = 1e-3
+
+
+class ReplayRecording:
+    """Writes one replay's `replay.rrd`; a context manager that leaves a finished file or none.
+
+    Recordings of the same log share application and recording id, so that the viewer overlays them.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        log_id: str,
+        result_name: str,
+        camera: Camera,
+        marker_map: MarkerMap,
+        tracker_names: Sequence[str],
+        start_ns: int | None = None,
+        truth: Truth | None = None,
+        log_name: str | None = None,
+    ) -> None:
+        """
+        Args:
+            log_id: SHA-256 of the log.
+            start_ns: capture stamp of the log's first image, where its seconds count from; None: of
+                the first frame or event that comes.
+            log_name: what the viewer calls the recording.
+        """
+        self._paths = style.ResultPaths(result_name)
+        self._camera, self._map, self._truth = camera, marker_map, truth
+        self._start_ns = start_ns
+        self._measured: MeasuredTruth | None = None
+        self._status = StatusEvents(result_name)
+        self._looks = style.tracker_looks(tracker_names)
+        self._plots: set[str] = set()
+        self._frames = 0
+        self._timed = 0
+        self._span: list[tuple[int, int]] = []
+        # x, y per tracker; x, y, z of fixes and exact poses: 24 bytes a frame and series.
+        self._tracks = {name: array("d") for name in tracker_names}
+        self._fixes = {"ok": array("d"), "rejected": array("d")}
+        self._exact = array("d")
+        self._file = RecordingFile(path, log_id, log_name or "log")
+        self._stream = self._file.stream
+        self._buffer = columns.ColumnBuffer(self._stream)
+        scene.log_map(self._stream, marker_map)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if kind is not None:
+            self._file.discard()
+            return
+        self.close()
+
+    def log_frame(self, image: LogImage, result: FrameResult, exact: Pose | None = None) -> None:
+        """One replayed frame; `exact` is T_map_camera where the log knows it."""
+        time_ns = self._since_start(image.timestamp_ns)
+        scene.set_time(self._stream, time_ns, image.frame_index)
+        self._buffer.at(time_ns, image.frame_index)
+        if result.fix.status != "undecodable":
+            scene.log_image(self._stream, image.data, image.format)
+        self._add_detections(result)
+        self._add_fix(result)
+        for name, track in result.tracks.items():
+            self._add_track(name, track)
+        self._add_errors(result, exact)
+        if exact is not None:
+            self._exact.extend(exact.translation)
+        for level, message in self._status.changes(result):
+            scene.log_event(self._stream, self._paths.events, message, level)
+        self._span = [*self._span[:1], (time_ns, image.frame_index)]
+        self._frames += 1
+        if self._frames % _FLUSH_FRAMES == 0:
+            self._buffer.flush()
+
+    def log_event(self, event: LogEvent) -> None:
+        """One event of the log itself."""
+        scene.set_time(self._stream, self._since_start(event.timestamp_ns))
+        scene.log_event(self._stream, style.EVENTS, scene.event_text(event), event.level)
+
+    def close(self) -> None:
+        """Writes what takes the whole replay to know, and gives the file its name."""
+        try:
+            self._finish()
+        except BaseException:
+            self._file.discard()
+            raise
+        self._file.close()
+
+    def _finish(self) -> None:
+        # Truth at every frame says all that the distance to the path could.
+        if self._timed > self._frames / 2:
+            self._plots.discard("path_distance")
+        if "nis" in self._plots:
+            for time_ns, frame_index in self._span:
+                self._buffer.at(time_ns, frame_index)
+                self._buffer.add(self._paths.plot("nis", "bound"), columns.scalars, NIS_BOUND)
+        self._buffer.flush()
+        log_styles(self._stream, self._paths, self._looks, self._plots)
+        fixes = _rows(self._fixes["ok"], 3)
+        exact = _rows(self._exact, 3)
+        height_m = _height(fixes, exact)
+        tracks = {name: _rows(track, 2) for name, track in self._tracks.items()}
+        self._log_whole(fixes, exact, tracks, height_m)
+        corners_m = self._map.corners_m(self._map.ids)
+        bounds = SceneBounds.around(corners_m, _core(fixes), exact)
+        distance_m = 0.25 * bounds.radius_m
+        pinhole = scene.pinhole(self._camera, distance_m, style.CAMERA_COLOUR)
+        self._stream.log(style.CAMERA, pinhole, static=True)
+        first = next(iter(self._looks.values()))
+        own = scene.pinhole(self._camera, distance_m, first.colour)
+        self._stream.log(self._paths.camera, own, static=True)
+        layout = ResultLayout(self._paths.name, frozenset(self._plots))
+        self._stream.send_blueprint(results_layout([layout], bounds))
+
+    def _log_whole(
+        self, fixes: Array, exact: Array, tracks: dict[str, Array], height_m: float
+    ) -> None:
+        """The whole trajectories, there at all times."""
+        for name, points, colour, size in (
+            ("ok", fixes, style.FIX_COLOUR, 2.0),
+            ("rejected", _rows(self._fixes["rejected"], 3), style.REJECTED_COLOUR, 2.5),
+        ):
+            if len(points):
+                cloud = rr.Points3D(points, colors=colour, radii=-size)
+                self._stream.log(f"{self._paths.fixes}/{name}", cloud, static=True)
+        plane = rr.Transform3D(translation=(0.0, 0.0, height_m))
+        self._stream.log(self._paths.trackers, plane, static=True)
+        for k, (name, track) in enumerate(tracks.items()):
+            # A little apart, or lines along the same way would flicker.
+            line = np.hstack([track, np.full((len(track), 1), k * _THIN_M)])
+            look, entity = self._looks[name], f"{self._paths.tracker(name)}/path"
+            scene.log_line(self._stream, entity, line, look.colour, look.path_px)
+        if len(exact):
+            scene.log_line(self._stream, style.TRUTH_EXACT, exact, style.TRUTH_COLOUR)
+        if self._truth is not None:
+            scene.log_truth(self._stream, self._truth, height_m)
+
+    def _add_detections(self, result: FrameResult) -> None:
+        detections, fix = result.detections, result.fix
+        used = set(fix.used_ids)
+        colours, labels = [], []
+        for marker_id in detections.ids.tolist():
+            if marker_id in used:
+                colours.append(style.USED_COLOUR)
+                labels.append(str(marker_id))
+            elif marker_id in self._map.by_id:
+                colours.append(style.UNUSED_COLOUR)
+                labels.append(f"{marker_id} not used")
+            else:
+                colours.append(style.UNKNOWN_COLOUR)
+                labels.append(f"{marker_id} not in map")
+        corners = style.to_rerun_pixels(detections.corners_px)
+        self._buffer.add(self._paths.detections, columns.outlines, (corners, colours))
+        # Below the marker: on its pattern no text can be read.
+        below = np.stack([corners[..., 0].mean(axis=1), corners[..., 1].max(axis=1)], axis=1)
+        self._buffer.add(self._paths.labels, columns.labels2d, (below, colours, labels))
+        corner_colours = [
+            c for colour in colours for c in (style.FIRST_CORNER_COLOUR, *[colour] * 3)
+        ]
+        row = (corners.reshape(-1, 2), corner_colours)
+        self._buffer.add(self._paths.corners, columns.points2d, row)
+        self._plot("markers", "detected", fix.n_detected)
+        self._plot("markers", "used", fix.n_used)
+
+    def _add_fix(self, result: FrameResult) -> None:
+        pose = result.fix.T_map_camera
+        if pose is None or not pose.is_finite():
+            return
+        if result.fix.status != "ok":
+            self._fixes["rejected"].extend(pose.translation)
+            return
+        self._fixes["ok"].extend(pose.translation)
+        self._buffer.add(style.CAMERA, columns.transforms, pose)
+        self._buffer.add(self._paths.camera, columns.transforms, pose)
+
+    def _add_track(self, name: str, track: TrackState) -> None:
+        xy = track.x[[0, 2]]
+        if not np.isfinite(xy).all():
+            return
+        self._tracks[name].extend(xy)
+        entity = self._paths.tracker(name)
+        self._buffer.add(f"{entity}/position", columns.points3d, (*xy, 0.0))
+        half_sizes, angle = _ellipse(track.P[np.ix_([0, 2], [0, 2])])
+        row = ((*xy, 0.0), half_sizes, angle)
+        self._buffer.add(f"{entity}/ellipse", columns.ellipsoids, row)
+        if not np.isfinite(track.nis):
+            return
+        self._plot("nis", name, track.nis)
+        for k, kind in enumerate(("innovation_x", "innovation_y")):
+            self._plots.add(kind)
+            row_k = (track.innovation_m[k], track.innovation_var_m2[k])
+            self._buffer.add(self._paths.plot(kind, name), columns.measurements, row_k)
+
+    def _add_errors(self, result: FrameResult, exact: Pose | None) -> None:
+        true_xy = self._true_position(result) if exact is None else exact.translation[:2]
+        self._timed += true_xy is not None
+        path = self._truth.path if self._truth else None
+        found = {name: track.x[[0, 2]] for name, track in result.tracks.items()}
+        fix = result.fix
+        if fix.status == "ok" and fix.T_map_camera is not None:
+            found[RAW_FIX] = fix.T_map_camera.translation[:2]
+        for name, xy in found.items():
+            if not np.isfinite(xy).all():
+                continue
+            if true_xy is not None:
+                self._plot("error", name, float(np.hypot(*(xy - true_xy))))
+            if path is not None:
+                self._plots.add("path_distance")
+                entity = self._paths.plot("path_distance", name)
+                self._buffer.add(entity, self._path_distances, xy)
+
+    def _path_distances(self, rows: list[Array]) -> rr.ComponentColumnList:
+        """Rows: x, y (2,); all at once, as one by one costs more than everything else."""
+        if self._truth is None or self._truth.path is None:
+            return columns.scalars([])
+        return columns.scalars(distance_to_path(np.array(rows), self._truth.path).tolist())
+
+    def _true_position(self, result: FrameResult) -> Array | None:
+        """The measured x, y (2,), or None where nobody measured."""
+        if self._measured is None:
+            return None
+        row = next(self._measured.at(result.frame_index, result.timestamp_ns), None)
+        return None if row is None else np.array(row.position_m[:2])
+
+    def _since_start(self, timestamp_ns: int) -> int:
+        if self._start_ns is None:
+            self._start_ns = timestamp_ns
+        if self._measured is None:
+            self._measured = MeasuredTruth(self._truth, self._start_ns)
+        return timestamp_ns - self._start_ns
+
+    def _plot(self, kind: str, series: str, value: float) -> None:
+        self._plots.add(kind)
+        self._buffer.add(self._paths.plot(kind, series), columns.scalars, float(value))
+
+
+def _rows(flat: array[float], width: int) -> Array:
+    return np.array(flat, dtype=np.float64).reshape(-1, width)
+
+
+def _height(fixes: Array, exact: Array) -> float:
+    """The height of the plane that the trackers are drawn in."""
+    heights = exact if len(exact) else fixes
+    return float(np.median(heights[:, 2])) if len(heights) else 0.0
+
+
+def _core(fixes: Array) -> Array:
+    """The fixes without the far outliers of single markers, for framing the scene."""
+    if len(fixes) < 20:
+        return fixes
+    low, high = np.percentile(fixes, [2.0, 98.0], axis=0)
+    return np.clip(fixes, low, high)
+
+
+def _ellipse(covariance: Array) -> tuple[tuple[float, float, float], float]:
+    """Half sizes at 3σ and the angle of the first axis."""
+    values, vectors = np.linalg.eigh(covariance)
+    half = 3.0 * np.sqrt(np.maximum(values, 0.0))
+    angle = float(np.arctan2(vectors[1, 0], vectors[0, 0]))
+    return (float(half[0]), float(half[1]), _THIN_M), angle

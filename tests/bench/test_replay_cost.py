@@ -1,0 +1,115 @@
+"""What a replay costs beside OpenCV's own work, and how much memory it takes."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from recorder.files.camera_file import parse_camera
+from recorder.files.map_file import parse_map
+from recorder.sources.base import CapturedFrame
+from tests.bench.long_logs import rendered, write_repeated
+from tests.bench.page import report
+
+pytestmark = pytest.mark.bench
+
+RUNS = 5
+FRAMES, TIMES = 60, 10
+
+
+@pytest.fixture(scope="module")
+def drive() -> tuple[dict[str, bytes], list[CapturedFrame]]:
+    return rendered("configuration_2", FRAMES)
+
+
+def plain_loop(files: dict[str, bytes], frames: list[CapturedFrame], times: int) -> float:
+    """Seconds to decode, detect and solve with OpenCV alone."""
+    camera = parse_camera(files["camera.yaml"], Path("camera.yaml"))
+    marker_map = parse_map(files["map.yaml"], Path("map.yaml"))
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, marker_map.dictionary))
+    detector = cv2.aruco.ArucoDetector(dictionary, parameters)
+    matrix, coefficients = np.array(camera.camera_matrix), np.array(camera.dist_coeffs)
+    started = time.perf_counter()
+    for _ in range(times):
+        for frame in frames:
+            image = cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+            assert image is not None
+            corners, ids, _ = detector.detectMarkers(image)
+            if ids is None:
+                continue
+            known = [i for i, marker_id in enumerate(ids.ravel()) if marker_id in marker_map.by_id]
+            object_points = marker_map.corners_m(int(ids.ravel()[i]) for i in known)
+            pixels = np.concatenate([corners[i].reshape(4, 2) for i in known])
+            cv2.solvePnPRansac(
+                object_points, pixels, matrix, coefficients, flags=cv2.SOLVEPNP_ITERATIVE
+            )
+    return time.perf_counter() - started
+
+
+def run(log: Path, out: Path, *more: str) -> tuple[float, float]:
+    """Seconds and peak MB of a whole `arucolog replay`, from start to exit."""
+    command = [sys.executable, "-m", "arucolog", "replay", str(log), "-o", str(out), "--force"]
+    started = time.perf_counter()
+    process = subprocess.Popen([*command, *more], stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    assert process.returncode == 0
+    return time.perf_counter() - started, usage.ru_maxrss / 1024
+
+
+def test_a_replay_costs_little_beyond_opencv(
+    drive: tuple[dict[str, bytes], list[CapturedFrame]], tmp_path: Path
+) -> None:
+    files, frames = drive
+    log = write_repeated(tmp_path / "a.mcap", files, frames, TIMES)
+    n = FRAMES * TIMES
+    plain, whole, single, viewer = [], [], [], []
+    for _ in range(RUNS):
+        plain.append(plain_loop(files, frames, TIMES))
+        whole.append(run(log, tmp_path / "r", "--no-rrd")[0])
+        single.append(run(log, tmp_path / "r", "--no-rrd", "--jobs", "1")[0])
+        viewer.append(run(log, tmp_path / "r")[0])
+    median = statistics.median(plain)
+    rows = [
+        ("decode, detect, solve: a plain loop over OpenCV", plain),
+        ("`replay --no-rrd`", whole),
+        ("`replay --no-rrd --jobs 1`", single),
+        ("`replay` with replay.rrd", viewer),
+    ]
+    text = (
+        f"{n} frames of 1920x1080, OpenCV with {cv2.getNumThreads()} threads; the plain loop's time "
+        "is without imports, a replay's is the whole command's. Median of "
+        f"{RUNS}, taken in turn.\n\n"
+        "| | s | frames/s | plain loop / this |\n|---|---|---|---|\n"
+    )
+    for name, seconds in rows:
+        took = statistics.median(seconds)
+        text += f"| {name} | {took:.2f} | {n / took:.1f} | {median / took:.2f} |\n"
+    report("What a replay costs", text)
+    assert median / statistics.median(whole) >= 0.8
+    assert median / statistics.median(single) >= 0.8
+
+
+def test_memory_does_not_grow_with_the_log(
+    drive: tuple[dict[str, bytes], list[CapturedFrame]], tmp_path: Path
+) -> None:
+    files, frames = drive
+    text = "| frames | peak MB with replay.rrd | peak MB with `--no-rrd` |\n|---|---|---|\n"
+    peaks: list[tuple[float, float]] = []
+    for times in (5, 50):
+        log = write_repeated(tmp_path / f"{times}.mcap", files, frames, times)
+        both = tuple(run(log, tmp_path / "r", *more)[1] for more in ((), ("--no-rrd",)))
+        peaks.append((both[0], both[1]))
+        text += f"| {FRAMES * times} | {both[0]:.0f} | {both[1]:.0f} |\n"
+    report("Memory of a replay", text)
+    assert max(max(row) for row in peaks) < 500
