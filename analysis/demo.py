@@ -6,10 +6,12 @@ import time
 from pathlib import Path
 
 import click
+from tqdm import tqdm
 
 from analysis.compare import as_text, compare
 from recorder.errors import InputError
 from recorder.record import record
+from recorder.sources.base import CapturedFrame
 from recorder.sources.opening import open_source
 from replay.run import ReplayOptions, replay
 from replay.settings_file import load_settings
@@ -37,7 +39,13 @@ def demo(output: Path) -> None:
     click.echo(f"1. Rendering and recording the scene `{RENDERED_SCENE}`")
     started = time.perf_counter()
     log = output / f"{RENDERED_SCENE}.mcap"
-    recorded = record(open_source(RENDERED_SCENE), log, force=True)
+    source = open_source(RENDERED_SCENE)
+    with tqdm(total=source.frame_count(), unit="frame", desc="   record", disable=None) as bar:
+
+        def count(_: CapturedFrame) -> None:
+            bar.update()
+
+        recorded = record(source, log, force=True, sinks=[count])
     seconds = time.perf_counter() - started
     click.echo(f"   {log}: {recorded.frames_written} frames in {seconds:.1f} s")
     result = output / RENDERED_SCENE

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 if TYPE_CHECKING:
+    from recorder.sources.base import CapturedFrame
     from recorder.sources.opening import SourceOptions
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
@@ -26,8 +27,12 @@ Example:
 """
 )
 @click.argument("folder", metavar="[DIR]", default=".", type=click.Path(path_type=Path))
-@click.option("--rows", type=click.IntRange(min=1), default=3, show_default=True)
-@click.option("--cols", type=click.IntRange(min=1), default=4, show_default=True)
+@click.option(
+    "--rows", type=click.IntRange(min=1), default=3, show_default=True, help="Of the grid."
+)
+@click.option(
+    "--cols", type=click.IntRange(min=1), default=4, show_default=True, help="Of the grid."
+)
 @click.option("--pitch-m", type=float, default=1.0, show_default=True, help="Between markers.")
 @click.option("--height-m", type=float, default=2.5, show_default=True, help="Of the ceiling.")
 @click.option("--size-m", type=float, default=0.15, show_default=True, help="Of the black square.")
@@ -113,9 +118,11 @@ def record(
         _log_path(output, opened.name) as path,
         tqdm(total=opened.frame_count(), unit="frame", desc="record", disable=None) as bar,
     ):
-        summary = record_log(
-            opened, path, attachments=attachments, force=force, sinks=[lambda _: bar.update()]
-        )
+
+        def count(_: CapturedFrame) -> None:
+            bar.update()
+
+        summary = record_log(opened, path, attachments=attachments, force=force, sinks=[count])
     click.echo(summary_text(summary))
     if ending := ending_text(summary):
         click.echo(ending, err=True)

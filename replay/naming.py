@@ -7,14 +7,19 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from recorder.errors import InputError
+from recorder.files.yaml_file import read_bytes
 from replay.run import ReplayOptions
 from replay.settings_file import digest
 
 
 def result_name(settings_path: Path | None, options: ReplayOptions) -> str:
-    """The settings file's stem (or `default`) with 8 hex digits of all that was asked for."""
+    """The settings file's stem (or `default`) with 8 hex digits of all that was asked for.
+
+    Raises:
+        InputError: a file given in place of the log's cannot be read.
+    """
     files = {
-        key: hashlib.sha256(path.read_bytes()).hexdigest() if path.exists() else None
+        key: hashlib.sha256(read_bytes(path)).hexdigest()
         for key, path in vars(options.overrides).items()
         if path is not None
     }

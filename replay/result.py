@@ -81,7 +81,8 @@ class Result:
         missing = [c for c in SCHEMAS[name].names if c not in table.column_names]
         if missing:
             raise InputError(path, f"expected the column {missing[0]}, found none")
-        return table.to_pandas()
+        frame: pd.DataFrame = table.to_pandas()
+        return frame
 
 
 def open_result(folder: Path) -> Result:

@@ -123,8 +123,9 @@ def _run(
     options: ReplayOptions,
 ) -> _Tally:
     settings = options.settings
-    localizer = Localizer(settings, inputs.camera, inputs.marker_map, reader.start_ns)
-    measured = MeasuredTruth(inputs.truth, reader.start_ns)
+    start_ns = reader.start_ns or 0
+    localizer = Localizer(settings, inputs.camera, inputs.marker_map, start_ns)
+    measured = MeasuredTruth(inputs.truth, start_ns)
     jobs = options.jobs or len(os.sched_getaffinity(0))
     tally = _Tally()
     with ExitStack() as stack:
@@ -142,6 +143,8 @@ def _run(
                     marker_map=inputs.marker_map,
                     truth=inputs.truth,
                     tracker_names=tuple(settings.trackers),
+                    start_ns=start_ns,
+                    log_name=reader.path.stem,
                 )
             )
         stack.enter_context(_opencv_threads(1 if jobs > 1 else None))

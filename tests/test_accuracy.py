@@ -100,7 +100,7 @@ def trajectory(timed: bool) -> Trajectory:
         timestamp_ns=stamps if timed else None,
         positions_m=read_only([[0, 0, 0], [1, 2, 0], [9, 9, 0]]),
         # The same rotation may be written with either sign.
-        quats_xyzw=read_only([[0, 0, 0, 1], -turned, [0, 0, 0, 1]]),
+        quats_xyzw=read_only(np.array([(0, 0, 0, 1), -turned, (0, 0, 0, 1)])),
     )
 
 

@@ -17,7 +17,7 @@ from recorder.errors import InputError
 from recorder.files.truth_file import parse_truth
 from recorder.simulation.scene_file import Scene, load_scene, shipped_scenes
 from recorder.simulation.source import SceneSource
-from recorder.sources.base import Source
+from recorder.sources.base import CapturedFrame, Source, SourceEvent
 
 SCENES = shipped_scenes()
 
@@ -43,6 +43,11 @@ SMALL: dict[str, Any] = {
     "image": {"noise_std": 2.0, "exposure_s": 0.02, "jpeg_quality": 80},
     "surface": {"height_m": 1.0, "texture": "plain"},
 }
+
+
+def captured(source: SceneSource) -> list[CapturedFrame]:
+    """The frames, without the events between them."""
+    return [frame for frame in source.frames() if isinstance(frame, CapturedFrame)]
 
 
 def changed(**changes: Any) -> dict[str, Any]:
@@ -92,8 +97,10 @@ def detected(scene: Scene, data: bytes) -> set[int]:
 def test_shipped_scene_shows_its_markers(name: str) -> None:
     source = SceneSource(SCENES[name], workers=1)
     frames = source.frames()
-    found = detected(source.scene, next(frames).data)
+    first = next(frames)
     frames.close()
+    assert isinstance(first, CapturedFrame)
+    found = detected(source.scene, first.data)
     visible = in_full_view(source.scene, 0.0)
     assert found <= visible
     # In the hard scene some are hidden.
@@ -178,18 +185,18 @@ def test_sample_log_stays_small() -> None:
 
 def test_frames_are_the_same_whoever_renders_them(tmp_path: Path) -> None:
     path = write(tmp_path, SMALL)
-    runs = [list(SceneSource(path, workers).frames()) for workers in (1, 2, 2)]
+    runs = [captured(SceneSource(path, workers)) for workers in (1, 2, 2)]
     for frames in runs:
         assert [f.frame_index for f in frames] == list(range(7))
         assert [f.data for f in frames] == [f.data for f in runs[0]]
     assert len({f.data for f in runs[0]}) == 7
-    other = list(SceneSource(write(tmp_path, changed(seed=5), "other.yaml")).frames())
+    other = captured(SceneSource(write(tmp_path, changed(seed=5), "other.yaml")))
     assert all(a.data != b.data for a, b in zip(runs[0], other, strict=True))
 
 
 def test_frames_carry_stamp_and_exact_pose(tmp_path: Path) -> None:
     source: Source = SceneSource(write(tmp_path, SMALL))
-    frames = list(SceneSource(write(tmp_path, SMALL)).frames())
+    frames = captured(SceneSource(write(tmp_path, SMALL)))
     assert source.frame_count() == len(frames) == 7
     assert source.image_size == (160, 120)
     assert source.name == "small"
@@ -209,7 +216,7 @@ def test_frames_carry_stamp_and_exact_pose(tmp_path: Path) -> None:
 
 def test_png_keeps_every_grey_level(tmp_path: Path) -> None:
     source = SceneSource(write(tmp_path, changed(image__encoding="png", frames=1)))
-    (frame,) = source.frames()
+    (frame,) = captured(source)
     assert frame.format == "png"
     image = cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_UNCHANGED)
     expected = source.renderer().capture(lambda dt_s: source.scene.pose(dt_s), 0)
@@ -360,3 +367,23 @@ def test_speed_of_a_scene(name: str) -> None:
     rate = count / (time.perf_counter() - begin)
     print(f"\n{name}: {rate:.1f} frames/s")
     assert rate > 1.0
+
+
+def test_lost_frames_are_a_gap_and_events_come_in_their_place(tmp_path: Path) -> None:
+    scene = changed()
+    scene["dropped_frames"] = [2, 3]
+    scene["events"] = [
+        {"t_s": 0.18, "message": "late", "level": "warning"},
+        {"t_s": 0.05, "message": "early"},
+    ]
+    source = SceneSource(write(tmp_path, scene))
+    kept = captured(source)
+    assert [frame.frame_index for frame in kept] == [0, 1, 4, 5, 6]
+    assert source.frame_count() == 5
+    whole = captured(SceneSource(write(tmp_path, SMALL, "whole.yaml")))
+    assert kept[2].data == whole[4].data
+    order = [
+        item.message if isinstance(item, SourceEvent) else item.frame_index
+        for item in source.frames()
+    ]
+    assert order == [0, 1, "early", 4, 5, "late", 6]

@@ -68,7 +68,7 @@ def prepare(paths: Sequence[Path], folder: Path) -> list[Path]:
         return rrds
     merged = folder / "overlay.rrd"
     recordings_of = [
-        ResultRecording(rrd, result.name, tuple(result.settings.trackers), result.name)
+        ResultRecording(rrd, result.name, result.folder.resolve().name)
         for rrd, result in zip(rrds, results, strict=True)
     ]
     overlay(recordings_of, merged, log_id, Path(str(results[0].summary["log"])).stem)

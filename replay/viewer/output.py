@@ -28,12 +28,12 @@ class RecordingFile:
         Raises:
             OSError: the file is not whole, as on a full disk.
         """
-        self.stream.flush()
-        self.stream.disconnect()
         try:
-            # Rerun only logs a failed write; a file without its footer lists nothing.
+            self.stream.flush()
+            self.stream.disconnect()
+            # A failed write is only logged; without its footer a file lists nothing.
             whole = bool(RrdReader(self._part).recordings())
-        except Exception as error:
+        except (RuntimeError, ValueError, OSError) as error:
             self.discard()
             raise OSError(f"{self._path}: could not be written: {error}") from error
         if not whole:
@@ -42,5 +42,6 @@ class RecordingFile:
         os.replace(self._part, self._path)
 
     def discard(self) -> None:
+        """Leaves nothing behind."""
         self.stream.disconnect()
         self._part.unlink(missing_ok=True)

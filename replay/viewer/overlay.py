@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
-from pipeline.geometry import Array
+from recorder.errors import InputError
 from replay.viewer import style
-from replay.viewer.layout import ResultLayout, SceneBounds, results_layout
+from replay.viewer.layout import ResultLayout, results_layout
 from replay.viewer.output import RecordingFile
-
-_PLOTS = ("error", "path_distance", "innovation_x", "innovation_y", "nis", "markers")
+from replay.viewer.result_style import log_looks
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,6 @@ class ResultRecording:
 
     rrd: Path
     name: str
-    trackers: tuple[str, ...]
     shown_as: str
 
 
@@ -39,13 +36,13 @@ def overlay(results: Sequence[ResultRecording], rrd: Path, log_id: str, name: st
     Images, markers and truth come from the first; of the others only what is theirs.
     """
     results = distinct_names(results)
+    layouts = [_layout(result) for result in results]
     file = RecordingFile(rrd, log_id, name)
     try:
         for k, result in enumerate(results):
             file.stream.send_chunks(_chunks(result, alone=k == 0))
-        _restyle(file.stream, results)
-        layouts = [ResultLayout(r.shown_as, _plots(r)) for r in results]
-        file.stream.send_blueprint(results_layout(layouts, _bounds(results[0])))
+        _restyle(file.stream, layouts)
+        file.stream.send_blueprint(results_layout(layouts))
     except BaseException:
         file.discard()
         raise
@@ -85,51 +82,27 @@ def _chunks(result: ResultRecording, *, alone: bool) -> LazyChunkStream:
     return stream.map(rename)
 
 
-def _restyle(stream: rr.RecordingStream, results: Sequence[ResultRecording]) -> None:
-    """Colours and names across results; what is static and logged last is what counts."""
-    looks = style.overlay_looks([(r.shown_as, t) for r in results for t in r.trackers])
-    for result in results:
-        paths, plots = style.ResultPaths(result.shown_as), _plots(result)
-        for tracker in result.trackers:
-            look = looks[result.shown_as, tracker]
-            entity = paths.tracker(tracker)
-            stream.log(f"{entity}/path", look.path(), static=True)
-            stream.log(f"{entity}/position", look.point(), static=True)
-            stream.log(f"{entity}/ellipse", look.ellipse(), static=True)
-            for kind in plots - {"markers"}:
-                stream.log(paths.plot(kind, tracker), look.series(kind), static=True)
-        first = looks[result.shown_as, result.trackers[0]]
-        stream.log(paths.camera, rr.Pinhole.from_fields(color=first.colour), static=True)
-        used = rr.SeriesLines(colors=first.colour, names=f"{result.shown_as}: used", widths=1.5)
+def _restyle(stream: rr.RecordingStream, layouts: Sequence[ResultLayout]) -> None:
+    """Colours and names that are distinct across results."""
+    looks = style.overlay_looks([(r.name, t) for r in layouts for t in r.trackers])
+    for result in layouts:
+        paths = style.ResultPaths(result.name)
+        own = {tracker: looks[result.name, tracker] for tracker in result.trackers}
+        log_looks(stream, paths, own, frozenset(result.plots))
+        colour = next(iter(own.values())).colour
+        stream.log(paths.camera, rr.Pinhole.from_fields(color=colour), static=True)
+        used = rr.SeriesLines(colors=colour, names=f"{result.name}: used", widths=1.5)
         stream.log(paths.plot("markers", "used"), used, static=True)
 
 
-def _static(result: ResultRecording, content: str) -> list[Chunk]:
-    stream = RrdReader(result.rrd).store().stream()
-    return stream.filter(content=content, is_static=True).to_chunks()
+def _layout(result: ResultRecording) -> ResultLayout:
+    """What the file says about itself.
 
-
-def _plots(result: ResultRecording) -> frozenset[str]:
-    """The kinds of plots in the file: those that have a style."""
-    paths = style.ResultPaths(result.name)
-    entities = {chunk.entity_path for chunk in _static(result, f"{paths.root}/plots/**")}
-    return frozenset(
-        kind for kind in _PLOTS if any(e.startswith(f"{paths.plot(kind)}/") for e in entities)
-    )
-
-
-def _bounds(result: ResultRecording) -> SceneBounds:
-    """The box around the markers and the trackers' paths of a result."""
-    markers = _positions(_static(result, style.MARKERS), "Mesh3D:vertex_positions")
-    fixes = style.ResultPaths(result.name).fixes
-    ok = _positions(_static(result, f"{fixes}/ok"), "Points3D:positions")
-    return SceneBounds.around(markers, ok)
-
-
-def _positions(chunks: Sequence[Chunk], component: str) -> Array:
-    for chunk in chunks:
-        batch = chunk.to_record_batch()
-        if component in batch.schema.names:
-            rows = batch.column(component).to_pylist()
-            return np.array(rows, dtype=np.float64).reshape(-1, 3)
-    return np.empty((0, 3))
+    Raises:
+        InputError: it says nothing.
+    """
+    summary = style.ResultPaths(result.name).summary
+    for chunk in RrdReader(result.rrd).store().stream().filter(content=summary):
+        column = chunk.to_record_batch().column("TextDocument:text")
+        return replace(ResultLayout.from_json(column[0].as_py()[0]), name=result.shown_as)
+    raise InputError(result.rrd, f"expected {summary}, found none; replay the log again")

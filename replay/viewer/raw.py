@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.geometry import Array
 from recorder.log.reader import ExactPose, LogImage, LogReader
 from replay.viewer import columns, scene, style
-from replay.viewer.layout import SceneBounds, log_layout
+from replay.viewer.layout import LOG_ASPECT, eye_on, log_layout
 from replay.viewer.output import RecordingFile
 
 _FLUSH_ROWS = 256
@@ -39,10 +39,10 @@ def _write(reader: LogReader, file: RecordingFile) -> None:
         scene.log_map(stream, marker_map)
     exact_m = _write_records(reader, file)
     markers_m = np.empty((0, 3)) if marker_map is None else marker_map.corners_m(marker_map.ids)
-    bounds = SceneBounds.around(markers_m, exact_m)
+    eye = eye_on(markers_m, exact_m, aspect=LOG_ASPECT)
     camera = reader.camera()
     if camera is not None:
-        pinhole = scene.pinhole(camera, 0.25 * bounds.radius_m, style.CAMERA_COLOUR)
+        pinhole = scene.pinhole(camera, 0.25 * eye.radius_m, style.CAMERA_COLOUR)
         stream.log(style.CAMERA, pinhole, static=True)
     truth = reader.truth()
     if truth is not None:
@@ -50,7 +50,7 @@ def _write(reader: LogReader, file: RecordingFile) -> None:
     if len(exact_m):
         scene.log_line(stream, style.TRUTH_EXACT, exact_m, style.TRUTH_COLOUR)
     layout = log_layout(
-        bounds,
+        eye,
         has_pose=camera is not None and len(exact_m) > 0,
         has_scene=marker_map is not None or truth is not None or len(exact_m) > 0,
     )

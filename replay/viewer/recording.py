@@ -21,7 +21,17 @@ from recorder.log.reader import LogEvent, LogImage
 from replay.accuracy import distance_to_path
 from replay.truth import MeasuredTruth
 from replay.viewer import columns, scene, style
-from replay.viewer.layout import ResultLayout, SceneBounds, results_layout
+from replay.viewer.extent import (
+    InnovationLimit,
+    RecentHeight,
+    core,
+    drawn,
+    drawn_in,
+    ellipse,
+    height,
+    rows,
+)
+from replay.viewer.layout import RESULT_ASPECT, ResultLayout, eye_on, results_layout
 from replay.viewer.output import RecordingFile
 from replay.viewer.result_style import RAW_FIX, log_styles
 from replay.viewer.status import StatusEvents
@@ -30,8 +40,6 @@ from replay.viewer.status import StatusEvents
 NIS_BOUND = 5.991
 
 _FLUSH_FRAMES = 64
-# Half the height of the flat uncertainty ellipses.
-_THIN_M = 1e-3
 
 
 class ReplayRecording:
@@ -70,10 +78,13 @@ class ReplayRecording:
         self._frames = 0
         self._timed = 0
         self._span: list[tuple[int, int]] = []
-        # x, y per tracker; x, y, z of fixes and exact poses: 24 bytes a frame and series.
+        # x, y, z per tracker, of fixes and of exact poses: 24 bytes a frame and series.
         self._tracks = {name: array("d") for name in tracker_names}
         self._fixes = {"ok": array("d"), "rejected": array("d")}
         self._exact = array("d")
+        self._height = RecentHeight()
+        self._limits = {name: InnovationLimit() for name in tracker_names}
+        self._max_markers = 0
         self._file = RecordingFile(path, log_id, log_name or "log")
         self._stream = self._file.stream
         self._buffer = columns.ColumnBuffer(self._stream)
@@ -138,44 +149,50 @@ class ReplayRecording:
                 self._buffer.add(self._paths.plot("nis", "bound"), columns.scalars, NIS_BOUND)
         self._buffer.flush()
         log_styles(self._stream, self._paths, self._looks, self._plots)
-        fixes = _rows(self._fixes["ok"], 3)
-        exact = _rows(self._exact, 3)
-        height_m = _height(fixes, exact)
-        tracks = {name: _rows(track, 2) for name, track in self._tracks.items()}
-        self._log_whole(fixes, exact, tracks, height_m)
+        fixes = rows(self._fixes["ok"], 3)
+        exact = rows(self._exact, 3)
+        tracks = {name: rows(track, 3) for name, track in self._tracks.items()}
         corners_m = self._map.corners_m(self._map.ids)
-        bounds = SceneBounds.around(corners_m, _core(fixes), exact)
-        distance_m = 0.25 * bounds.radius_m
+        driven = exact if len(exact) else core(fixes)
+        eye = eye_on(drawn_in(corners_m, driven), driven, aspect=RESULT_ASPECT)
+        self._log_whole(fixes, exact, tracks, eye.radius_m)
+        # Small enough not to hide the trajectories behind it.
+        distance_m = 0.12 * eye.radius_m
         pinhole = scene.pinhole(self._camera, distance_m, style.CAMERA_COLOUR)
         self._stream.log(style.CAMERA, pinhole, static=True)
         first = next(iter(self._looks.values()))
         own = scene.pinhole(self._camera, distance_m, first.colour)
         self._stream.log(self._paths.camera, own, static=True)
-        layout = ResultLayout(self._paths.name, frozenset(self._plots))
-        self._stream.send_blueprint(results_layout([layout], bounds))
+        layout = ResultLayout(
+            self._paths.name,
+            tuple(self._looks),
+            tuple(sorted(self._plots)),
+            {name: limit.value() for name, limit in self._limits.items()},
+            self._max_markers,
+            eye,
+        )
+        self._stream.log(self._paths.summary, rr.TextDocument(layout.to_json()), static=True)
+        self._stream.send_blueprint(results_layout([layout]))
 
     def _log_whole(
-        self, fixes: Array, exact: Array, tracks: dict[str, Array], height_m: float
+        self, fixes: Array, exact: Array, tracks: dict[str, Array], radius_m: float
     ) -> None:
         """The whole trajectories, there at all times."""
         for name, points, colour, size in (
             ("ok", fixes, style.FIX_COLOUR, 2.0),
-            ("rejected", _rows(self._fixes["rejected"], 3), style.REJECTED_COLOUR, 2.5),
+            ("rejected", rows(self._fixes["rejected"], 3), style.REJECTED_COLOUR, 2.5),
         ):
             if len(points):
                 cloud = rr.Points3D(points, colors=colour, radii=-size)
                 self._stream.log(f"{self._paths.fixes}/{name}", cloud, static=True)
-        plane = rr.Transform3D(translation=(0.0, 0.0, height_m))
-        self._stream.log(self._paths.trackers, plane, static=True)
         for k, (name, track) in enumerate(tracks.items()):
-            # A little apart, or lines along the same way would flicker.
-            line = np.hstack([track, np.full((len(track), 1), k * _THIN_M)])
+            line = drawn(track, k, radius_m)
             look, entity = self._looks[name], f"{self._paths.tracker(name)}/path"
             scene.log_line(self._stream, entity, line, look.colour, look.path_px)
         if len(exact):
             scene.log_line(self._stream, style.TRUTH_EXACT, exact, style.TRUTH_COLOUR)
         if self._truth is not None:
-            scene.log_truth(self._stream, self._truth, height_m)
+            scene.log_truth(self._stream, self._truth, height(fixes, exact))
 
     def _add_detections(self, result: FrameResult) -> None:
         detections, fix = result.detections, result.fix
@@ -203,6 +220,7 @@ class ReplayRecording:
         self._buffer.add(self._paths.corners, columns.points2d, row)
         self._plot("markers", "detected", fix.n_detected)
         self._plot("markers", "used", fix.n_used)
+        self._max_markers = max(self._max_markers, fix.n_detected)
 
     def _add_fix(self, result: FrameResult) -> None:
         pose = result.fix.T_map_camera
@@ -212,6 +230,7 @@ class ReplayRecording:
             self._fixes["rejected"].extend(pose.translation)
             return
         self._fixes["ok"].extend(pose.translation)
+        self._height.add(float(pose.translation[2]))
         self._buffer.add(style.CAMERA, columns.transforms, pose)
         self._buffer.add(self._paths.camera, columns.transforms, pose)
 
@@ -219,19 +238,21 @@ class ReplayRecording:
         xy = track.x[[0, 2]]
         if not np.isfinite(xy).all():
             return
-        self._tracks[name].extend(xy)
+        xyz = (*xy.tolist(), self._height.value())
+        self._tracks[name].extend(xyz)
         entity = self._paths.tracker(name)
-        self._buffer.add(f"{entity}/position", columns.points3d, (*xy, 0.0))
-        half_sizes, angle = _ellipse(track.P[np.ix_([0, 2], [0, 2])])
-        row = ((*xy, 0.0), half_sizes, angle)
+        self._buffer.add(f"{entity}/position", columns.points3d, xyz)
+        half_sizes, angle = ellipse(track.P[np.ix_([0, 2], [0, 2])])
+        row = (xyz, half_sizes, angle)
         self._buffer.add(f"{entity}/ellipse", columns.ellipsoids, row)
         if not np.isfinite(track.nis):
             return
         self._plot("nis", name, track.nis)
-        for k, kind in enumerate(("innovation_x", "innovation_y")):
-            self._plots.add(kind)
+        self._plots.add("innovation")
+        self._limits[name].add(track.innovation_m, track.innovation_var_m2)
+        for k, axis in enumerate(("x", "y")):
             row_k = (track.innovation_m[k], track.innovation_var_m2[k])
-            self._buffer.add(self._paths.plot(kind, name), columns.measurements, row_k)
+            self._buffer.add(self._paths.innovation(name, axis), columns.measurements, row_k)
 
     def _add_errors(self, result: FrameResult, exact: Pose | None) -> None:
         true_xy = self._true_position(result) if exact is None else exact.translation[:2]
@@ -251,11 +272,11 @@ class ReplayRecording:
                 entity = self._paths.plot("path_distance", name)
                 self._buffer.add(entity, self._path_distances, xy)
 
-    def _path_distances(self, rows: list[Array]) -> rr.ComponentColumnList:
+    def _path_distances(self, xy_rows: list[Array]) -> rr.ComponentColumnList:
         """Rows: x, y (2,); all at once, as one by one costs more than everything else."""
         if self._truth is None or self._truth.path is None:
             return columns.scalars([])
-        return columns.scalars(distance_to_path(np.array(rows), self._truth.path).tolist())
+        return columns.scalars(distance_to_path(np.array(xy_rows), self._truth.path).tolist())
 
     def _true_position(self, result: FrameResult) -> Array | None:
         """The measured x, y (2,), or None where nobody measured."""
@@ -274,29 +295,3 @@ class ReplayRecording:
     def _plot(self, kind: str, series: str, value: float) -> None:
         self._plots.add(kind)
         self._buffer.add(self._paths.plot(kind, series), columns.scalars, float(value))
-
-
-def _rows(flat: array[float], width: int) -> Array:
-    return np.array(flat, dtype=np.float64).reshape(-1, width)
-
-
-def _height(fixes: Array, exact: Array) -> float:
-    """The height of the plane that the trackers are drawn in."""
-    heights = exact if len(exact) else fixes
-    return float(np.median(heights[:, 2])) if len(heights) else 0.0
-
-
-def _core(fixes: Array) -> Array:
-    """The fixes without the far outliers of single markers, for framing the scene."""
-    if len(fixes) < 20:
-        return fixes
-    low, high = np.percentile(fixes, [2.0, 98.0], axis=0)
-    return np.clip(fixes, low, high)
-
-
-def _ellipse(covariance: Array) -> tuple[tuple[float, float, float], float]:
-    """Half sizes at 3σ and the angle of the first axis."""
-    values, vectors = np.linalg.eigh(covariance)
-    half = 3.0 * np.sqrt(np.maximum(values, 0.0))
-    angle = float(np.arctan2(vectors[1, 0], vectors[0, 0]))
-    return (float(half[0]), float(half[1]), _THIN_M), angle

@@ -19,12 +19,7 @@ def log_styles(
 ) -> None:
     """Styles for everything that comes row by row, for the kinds of plots that there are."""
     log = stream.log
-    for name, look in looks.items():
-        for kind in plots - {"markers"}:
-            log(paths.plot(kind, name), look.series(kind), static=True)
-        entity = paths.tracker(name)
-        log(f"{entity}/position", look.point(), static=True)
-        log(f"{entity}/ellipse", look.ellipse(), static=True)
+    log_looks(stream, paths, looks, plots)
     raw = rr.SeriesPoints(colors=style.FIX_COLOUR, names=RAW_FIX, marker_sizes=1.5)
     for kind in plots & {"error", "path_distance"}:
         log(paths.plot(kind, RAW_FIX), raw, static=True)
@@ -42,3 +37,22 @@ def log_styles(
     log(paths.detections, rr.LineStrips2D.from_fields(radii=-1.0), static=True)
     log(paths.corners, rr.Points2D.from_fields(radii=-2.0), static=True)
     log(paths.labels, rr.Points2D.from_fields(radii=0.0, show_labels=True), static=True)
+
+
+def log_looks(
+    stream: rr.RecordingStream,
+    paths: style.ResultPaths,
+    looks: Mapping[str, style.Look],
+    plots: Set[str],
+) -> None:
+    """The trackers' looks; what is static and logged last is what counts."""
+    log = stream.log
+    for name, look in looks.items():
+        for kind in plots & style.TRACKER_PLOTS:
+            log(paths.plot(kind, name), look.series(), static=True)
+        for axis in ("x", "y") if "innovation" in plots else ():
+            log(paths.innovation(name, axis), look.innovation(axis), static=True)
+        entity = paths.tracker(name)
+        log(f"{entity}/path", look.path(), static=True)
+        log(f"{entity}/position", look.point(), static=True)
+        log(f"{entity}/ellipse", look.ellipse(), static=True)

@@ -20,6 +20,7 @@ from replay.viewer.program import has_graphics, viewer_program
 
 _TIMEOUT_S = 90.0
 _PAUSE_S = 0.5
+_SETTLE_S = 10.0
 
 # Said on every machine without a graphics card, and nothing about the recording.
 _HARMLESS = re.compile(
@@ -51,7 +52,9 @@ def screenshot(
         if at_frame is not None:
             viewer.set_time(style.FRAME, sequence=at_frame, play_state="paused")
         before, picture = b"", viewer.take_screenshot()
-        while picture != before:
+        # Translucent bands may come in another order each time: after a while any will do.
+        settled = min(deadline, time.monotonic() + _SETTLE_S)
+        while picture != before and time.monotonic() < settled:
             _pause(deadline, rrd)
             before, picture = picture, viewer.take_screenshot()
         png.write_bytes(picture)

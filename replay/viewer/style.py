@@ -25,6 +25,9 @@ TRUTH = "/truth"
 TRUTH_EXACT = "/truth/exact"
 EVENTS = "/events"
 
+# Plots with one line for each tracker.
+TRACKER_PLOTS = frozenset({"error", "path_distance", "nis"})
+
 Colour = tuple[int, int, int]
 
 
@@ -64,7 +67,6 @@ class ResultPaths(NamedTuple):
 
     @property
     def trackers(self) -> str:
-        """The plane that the trackers live in: x and y are the map's."""
         return f"{self.root}/trackers"
 
     @property
@@ -74,10 +76,20 @@ class ResultPaths(NamedTuple):
     def tracker(self, tracker: str) -> str:
         return f"{self.trackers}/{part(tracker)}"
 
+    @property
+    def summary(self) -> str:
+        """What the layout has to know about the result."""
+        return f"{self.root}/summary"
+
     def plot(self, kind: str, series: str | None = None) -> str:
-        """A time series; kinds: innovation_x, innovation_y, nis, markers, error, path_distance."""
+        """A time series; kinds: error, path_distance, nis, markers."""
         root = f"{self.root}/plots/{kind}"
         return root if series is None else f"{root}/{part(series)}"
+
+    def innovation(self, tracker: str, axis: str | None = None) -> str:
+        """A tracker's innovations; axes: x, y."""
+        root = self.plot("innovation", tracker)
+        return root if axis is None else f"{root}/{axis}"
 
 
 # Okabe & Ito's palette, told apart also by the colour-blind; the paper's models keep theirs.
@@ -133,13 +145,14 @@ class Look:
     series_px: float
     path_px: float
 
-    def series(self, kind: str) -> rr.SeriesLines | rr.Measurements:
-        """The style of its line in a plot; innovations have a band."""
-        if kind.startswith("innovation"):
-            return rr.Measurements.from_fields(
-                colors=self.colour, names=self.name, widths=self.series_px
-            )
+    def series(self) -> rr.SeriesLines:
+        """Its line in a plot of all trackers."""
         return rr.SeriesLines(colors=self.colour, names=self.name, widths=self.series_px)
+
+    def innovation(self, axis: str) -> rr.Measurements:
+        """Its line and ±σ band along one axis; y is paler than x."""
+        colour = self.colour if axis == "x" else _paler(self.colour)
+        return rr.Measurements.from_fields(colors=colour, names=f"{self.name} {axis}", widths=1.5)
 
     def path(self) -> rr.LineStrips3D:
         return rr.LineStrips3D.from_fields(colors=self.colour, radii=-self.path_px / 2)
@@ -175,6 +188,11 @@ def overlay_looks(pairs: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Loo
 
 def _look(name: str, colour: Colour, *, first: bool) -> Look:
     return Look(name, colour, 5.0 if first else 1.5, 5.0 if first else 2.5)
+
+
+def _paler(colour: Colour) -> Colour:
+    r, g, b = ((channel + 2 * 255) // 3 for channel in colour)
+    return r, g, b
 
 
 def _distinct(trackers: Sequence[str]) -> list[Colour]:

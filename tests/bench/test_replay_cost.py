@@ -87,8 +87,8 @@ def test_a_replay_costs_little_beyond_opencv(
         ("`replay` with replay.rrd", viewer),
     ]
     text = (
-        f"{n} frames of 1920x1080, OpenCV with {cv2.getNumThreads()} threads; the plain loop's time "
-        "is without imports, a replay's is the whole command's. Median of "
+        f"{n} frames of 1920x1080, OpenCV with {cv2.getNumThreads()} threads; the plain loop's "
+        "time is without imports, a replay's is the whole command's. Median of "
         f"{RUNS}, taken in turn.\n\n"
         "| | s | frames/s | plain loop / this |\n|---|---|---|---|\n"
     )

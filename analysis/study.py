@@ -1,0 +1,95 @@
+"""What a study finds: tables, figures and sentences, kept apart from how they are shown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class StudyTable:
+    """One table.
+
+    Attributes:
+        name: stem of its files, such as `rmse_by_class`.
+        frame: units in the column names (`rmse_x_cm`); NaN where a statistic has too little data.
+        notes: sentences below it: sample sizes, what is left empty and why.
+        digits: decimals shown to people; the CSV has all.
+    """
+
+    name: str
+    title: str
+    frame: pd.DataFrame
+    notes: tuple[str, ...] = ()
+    digits: int = 2
+
+
+@dataclass(frozen=True)
+class StudyFigure:
+    """One figure; `caption` says what to see in it."""
+
+    name: str
+    title: str
+    figure: Figure
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Study:
+    """One study's outcome.
+
+    Attributes:
+        findings: whole sentences with their numbers, for people who read nothing else.
+    """
+
+    name: str
+    title: str
+    tables: tuple[StudyTable, ...] = ()
+    figures: tuple[StudyFigure, ...] = ()
+    findings: tuple[str, ...] = field(default=())
+
+
+def write_study(study: Study, folder: Path) -> list[Path]:
+    """Each table as CSV and LaTeX, each figure as SVG and PNG, into `folder`; the files made."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for table in study.tables:
+        csv, tex = folder / f"{table.name}.csv", folder / f"{table.name}.tex"
+        table.frame.to_csv(csv, index=False)
+        tex.write_text(latex(table))
+        paths += [csv, tex]
+    for figure in study.figures:
+        for suffix in (".svg", ".png"):
+            path = folder / f"{figure.name}{suffix}"
+            # Without a date the same study gives the same file.
+            metadata = {"Date": None} if suffix == ".svg" else {}
+            figure.figure.savefig(path, dpi=150, metadata=metadata)
+            paths.append(path)
+    return paths
+
+
+def latex(table: StudyTable) -> str:
+    """A booktabs tabular that needs nothing but the booktabs package."""
+    styler = table.frame.style.hide(axis="index")
+    styler = styler.format(precision=table.digits, na_rep="--", escape="latex")
+    styler = styler.format_index(escape="latex", axis="columns")
+    text: str = styler.to_latex(hrules=True, caption=table.title, label=f"tab:{table.name}")
+    return text
+
+
+def text(study: Study) -> str:
+    """The study for a terminal: tables, notes, findings."""
+    parts = [study.title]
+    for table in study.tables:
+        shown = table.frame.to_string(
+            index=False, float_format=f"{{:.{table.digits}f}}".format, na_rep="-"
+        )
+        parts.append("\n".join([table.title, shown, *(f"  {note}" for note in table.notes)]))
+    if study.findings:
+        parts.append("\n".join(study.findings))
+    return "\n\n".join(parts)

@@ -1,0 +1,1 @@
+"""The compiled parts of `pipeline.batch_pose`: imported late, for they import numba."""
