@@ -1,12 +1,13 @@
 # make demo   record, replay and compare on the sample log
 # make test   every check that CI runs
 # make bench  what a replay costs, printed and kept in docs/benchmarks.md
+# make paper  the paper's experiments in simulation, into docs/paper.md
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint bench sample clean
+.PHONY: demo test lint bench paper sample clean
 
 demo: $(VENV)/installed
 	$(BIN)/arucolog demo
@@ -22,6 +23,9 @@ lint: $(VENV)/installed
 
 bench: $(VENV)/installed
 	$(BIN)/pytest -m bench -s
+
+paper: $(VENV)/installed
+	$(BIN)/python -m analysis.paper
 
 sample: $(VENV)/installed
 	$(BIN)/python -m tests.make_sample

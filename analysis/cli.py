@@ -1,4 +1,4 @@
-"""The verbs `compare` and `demo`."""
+"""The verbs `compare`, `analyze`, `report` and `demo`."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from pathlib import Path
 
 import click
 
+from analysis.analyze_cli import analyze
+from analysis.report_cli import report
+
 
 def commands() -> list[click.Command]:
-    return [compare, demo]
+    return [compare, analyze(), report(), demo]
 
 
 @click.command(

@@ -14,7 +14,7 @@ from replay.result import Result, open_result
 
 
 def compare(folders: Sequence[Path]) -> pd.DataFrame:
-    """One row per result and tracker (and one for the raw fixes), best column names first.
+    """One row per result and tracker, and one for the raw fixes.
 
     Columns: `result`, `tracker`, each setting that is not the same in all rows, `frames`, `ok`
     (share of frames with a pose), then errors in cm by kind of truth; those that no result has
@@ -79,8 +79,11 @@ def _settings(result: Result, tracker: str) -> dict[str, Any]:
     flat = _flat({"detector": whole["detector"], "pose": whole["pose"]})
     if tracker != FIXES:
         flat |= _flat(whole["trackers"][tracker])
-    for key in ("from_s", "to_s", "overrides"):
+    for key in ("from_s", "to_s"):
         flat[key] = result.summary[key]
+    # Another calibration or map is another replay, whatever the file is called.
+    for file, sha256 in result.summary["inputs"].items():
+        flat[file] = sha256[:8]
     return flat
 
 

@@ -40,12 +40,18 @@ def demo(output: Path) -> None:
     started = time.perf_counter()
     log = output / f"{RENDERED_SCENE}.mcap"
     source = open_source(RENDERED_SCENE)
+    if preparation := source.preparation():
+        click.echo(f"   {preparation}")
     with tqdm(total=source.frame_count(), unit="frame", desc="   record", disable=None) as bar:
 
         def count(_: CapturedFrame) -> None:
             bar.update()
 
         recorded = record(source, log, force=True, sinks=[count])
+    if recorded.ended == "interrupted":
+        raise KeyboardInterrupt
+    if recorded.ended != "complete":
+        raise InputError(log, "expected space for the recording, found a full disk")
     seconds = time.perf_counter() - started
     click.echo(f"   {log}: {recorded.frames_written} frames in {seconds:.1f} s")
     result = output / RENDERED_SCENE

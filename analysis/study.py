@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -93,3 +94,19 @@ def text(study: Study) -> str:
     if study.findings:
         parts.append("\n".join(study.findings))
     return "\n\n".join(parts)
+
+
+def as_json(study: Study) -> dict[str, Any]:
+    """The study for other programs: rows of each table, null where a cell is empty."""
+    return {
+        "study": study.name,
+        "tables": {
+            table.name: {
+                "title": table.title,
+                "rows": json.loads(table.frame.to_json(orient="records")),
+                "notes": list(table.notes),
+            }
+            for table in study.tables
+        },
+        "findings": list(study.findings),
+    }

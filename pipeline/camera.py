@@ -22,6 +22,7 @@ COEFFICIENT_COUNTS: dict[DistortionModel, tuple[int, ...]] = {
 
 # Fixed-point iterations of the inverse distortion; strong lenses need some dozens.
 _UNDISTORT_CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+_ROUND_TRIP_PX = 0.01
 _ZERO = np.zeros(3)
 
 
@@ -94,7 +95,11 @@ class Camera:
         return pixels
 
     def undistort(self, pixels: npt.ArrayLike) -> Array:
-        """Distorted pixels (N, 2) to normalized image coordinates (N, 2): the ray is (x, y, 1)."""
+        """Distorted pixels (N, 2) to normalized image coordinates (N, 2): the ray is (x, y, 1).
+
+        NaN where no ray in front of the camera gives the pixel: beyond what the model can invert,
+        and at 90° or more off the axis of a fisheye lens.
+        """
         points = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
         if not len(points):
             return np.empty((0, 2))
@@ -106,4 +111,9 @@ class Camera:
             normalized = cv2.undistortPoints(
                 points, self.camera_matrix, self.dist_coeffs, criteria=_UNDISTORT_CRITERIA
             )
-        return np.asarray(normalized, dtype=np.float64).reshape(-1, 2)
+        rays = np.asarray(normalized, dtype=np.float64).reshape(-1, 2)
+        again = self.project(np.column_stack([rays, np.ones(len(rays))]))
+        # OpenCV returns its last guess also where it found no answer.
+        lost = ~(np.abs(again - points[:, 0]).max(axis=1) < _ROUND_TRIP_PX)
+        rays[lost] = np.nan
+        return rays

@@ -88,7 +88,7 @@ class Localizer:
         if detections is None:
             detections, fix = Detections.none(), PoseFix("undecodable")
         else:
-            time_s = (timestamp_ns - self._start_ns) * 1e-9
+            time_s = (timestamp_ns - self._start_ns) / 1e9
             fix = self._solver(detections, self._camera, self._map, time_s)
         tracks = {name: t.step(timestamp_ns, fix) for name, t in self._trackers.items()}
         return FrameResult(frame_index, timestamp_ns, detections, fix, tracks)

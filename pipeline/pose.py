@@ -43,6 +43,7 @@ class PoseFix:
         reprojection_rms_px: over the explained markers (NaN without any).
         reprojection_rms_used_px: over all used markers.
         fallback: RANSAC failed and the plain iterative solver gave the pose.
+        mean_distance_m: from the camera to the centres of the used markers.
     """
 
     status: Status
@@ -53,6 +54,7 @@ class PoseFix:
     reprojection_rms_px: float = np.nan
     reprojection_rms_used_px: float = np.nan
     fallback: bool = False
+    mean_distance_m: float = np.nan
 
     @property
     def n_used(self) -> int:
@@ -91,6 +93,12 @@ class RansacIterative(Settings):
         chosen = select(
             found.detections, limit_at(self.max_markers, time_s), self.selection, camera
         )
+        if camera.distortion_model == "equidistant":
+            # A corner beyond the lens' 90° has no ideal pixel: that marker is of no use.
+            rays = camera.undistort(chosen.corners_px.reshape(-1, 2)).reshape(len(chosen), -1)
+            chosen = chosen.select(np.isfinite(rays).all(axis=1))
+            if not len(chosen):
+                return PoseFix("solver_failed", n_detected=len(detections))
         ids = tuple(int(i) for i in chosen.ids)
         T_camera_map, fallback = self._solve(chosen, camera, marker_map)
         if T_camera_map is None:
@@ -142,7 +150,7 @@ class RansacIterative(Settings):
             )
         except cv2.error:
             solved = False
-        return (Pose.from_rvec_tvec(rvec, tvec) if solved else None), True
+        return (Pose.from_rvec_tvec(rvec, tvec), True) if solved else (None, False)
 
 
 def judge(
@@ -176,6 +184,7 @@ def judge(
         status = "behind_markers"
     elif 2 * int(explained.sum()) <= len(ids):
         status = "reprojection"
+    centres_m = np.array([marker_map.by_id[i].centre_m for i in ids])
     return PoseFix(
         status,
         n_detected,
@@ -185,6 +194,7 @@ def judge(
         float(np.sqrt(squares[explained].mean())) if explained.any() else np.nan,
         float(np.sqrt(squares.mean())),
         fallback,
+        float(np.linalg.norm(centres_m - T_map_camera.translation, axis=1).mean()),
     )
 
 

@@ -35,7 +35,6 @@ def attach(log: Path, out: Path, given: Mapping[str, bytes], *, force: bool = Fa
         _check_size(reader, given)
         own = topics.SESSION in reader.metadata
         left_out = topics.DERIVED if own else set[str]().union(*(_SHOWN_ON[n] for n in given))
-        before = reader.metadata.get(topics.SESSION_END, {})
         session = reader.metadata.get(topics.SESSION, {"source": log.name})
         try:
             with LogWriter(out, attachments=attachments, session=session, force=force) as writer:
@@ -53,9 +52,10 @@ def attach(log: Path, out: Path, given: Mapping[str, bytes], *, force: bool = Fa
                             images += 1
                         if channel.topic not in left_out:
                             writer.copy(schema, channel, message)
-                    dropped = before.get("frames_dropped", "0")
-                    ended = reader.cut_short or before.get("ended", "complete")
-                    writer.end_as(ended, frames_dropped=dropped)
+                    # Only now: a log without its index has them at its end.
+                    end = reader.metadata.get(topics.SESSION_END, {})
+                    dropped = end.get("frames_dropped", "0")
+                    writer.end_as(reader.ending, frames_dropped=dropped)
                 except BaseException:
                     writer.discard()
                     raise

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from recorder.errors import InputError
@@ -36,6 +37,22 @@ def read_attachments(
             check_frame(measured, placed, truth)
         files[f"truth.{truth_kind(data, truth)}"] = data
     return files
+
+
+@contextmanager
+def named_as_given(
+    camera: Path | None, marker_map: Path | None, truth: Path | None
+) -> Iterator[None]:
+    """Errors inside call a file by the path it was given by, not by its name in a log."""
+    paths = {topics.CAMERA_FILE: camera, topics.MAP_FILE: marker_map}
+    paths |= dict.fromkeys(topics.TRUTH_FILES, truth)
+    try:
+        yield
+    except InputError as error:
+        path = paths.get(error.path)
+        if path is None:
+            raise
+        raise InputError(path, error.problem, error.where) from error
 
 
 def merge_attachments(base: Mapping[str, bytes], given: Mapping[str, bytes]) -> dict[str, bytes]:

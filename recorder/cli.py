@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
+from recorder.click_types import FiniteFloat
+
 if TYPE_CHECKING:
     from recorder.sources.base import CapturedFrame
     from recorder.sources.opening import SourceOptions
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
+_LENGTH = FiniteFloat(above=0.0)
 
 
 def commands() -> list[click.Command]:
@@ -33,9 +36,11 @@ Example:
 @click.option(
     "--cols", type=click.IntRange(min=1), default=4, show_default=True, help="Of the grid."
 )
-@click.option("--pitch-m", type=float, default=1.0, show_default=True, help="Between markers.")
-@click.option("--height-m", type=float, default=2.5, show_default=True, help="Of the ceiling.")
-@click.option("--size-m", type=float, default=0.15, show_default=True, help="Of the black square.")
+@click.option("--pitch-m", type=_LENGTH, default=1.0, show_default=True, help="Between markers.")
+@click.option("--height-m", type=_LENGTH, default=2.5, show_default=True, help="Of the ceiling.")
+@click.option(
+    "--size-m", type=_LENGTH, default=0.15, show_default=True, help="Of the black square."
+)
 @click.option("--dictionary", default="DICT_6X6_1000", show_default=True, help="Of cv2.aruco.")
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 def init(
@@ -106,7 +111,7 @@ def record(
     """
     from tqdm import tqdm
 
-    from recorder.attachments import read_attachments
+    from recorder.attachments import named_as_given, read_attachments
     from recorder.record import record as record_log
     from recorder.record_text import ending_text, summary_text
     from recorder.sources.opening import open_source
@@ -114,7 +119,10 @@ def record(
     options = _source_options(start, fps, encoding)
     attachments = read_attachments(camera, map_path, truth)
     opened = open_source(source, options)
+    if preparation := opened.preparation():
+        click.echo(preparation, err=True)
     with (
+        named_as_given(camera, map_path, truth),
         _log_path(output, opened.name) as path,
         tqdm(total=opened.frame_count(), unit="frame", desc="record", disable=None) as bar,
     ):
@@ -171,12 +179,13 @@ def attach(
 ) -> None:
     """Copy a log with other truth, calibration or map in it; images and times stay as they are."""
     from recorder.attach import attach as attach_files
-    from recorder.attachments import read_attachments
+    from recorder.attachments import named_as_given, read_attachments
 
     attachments = read_attachments(camera, map_path, truth)
     if not attachments:
         raise click.UsageError("expected --truth, --camera or --map")
-    attach_files(log, output, attachments, force=force)
+    with named_as_given(camera, map_path, truth):
+        attach_files(log, output, attachments, force=force)
     click.echo(f"{output}: {', '.join(attachments)} attached")
 
 

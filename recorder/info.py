@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -95,7 +96,8 @@ class LogInfo:
     """Everything `arucolog info` tells.
 
     Attributes:
-        ended: `complete`, `interrupted`, `disk_full`, or where a cut log ends.
+        ended: as `LogReader.ending`.
+        shortfall: why it is not whole; None where it is.
         problems: what is wrong with the files in the log.
         events: the first hundred.
     """
@@ -103,6 +105,7 @@ class LogInfo:
     path: str
     bytes: int
     ended: str
+    shortfall: str | None
     images: ImageInfo
     camera: CameraInfo | None
     map: MapInfo | None
@@ -124,7 +127,7 @@ def log_info(path: Path) -> LogInfo:
         InputError: not a log.
     """
     with LogReader(path) as log:
-        images = _ImageCounter(log.start_ns or 0)
+        images = ImageCounter(log.start_ns or 0)
         levels: Counter[str] = Counter()
         events: list[dict[str, Any]] = []
         exact = 0
@@ -142,7 +145,8 @@ def log_info(path: Path) -> LogInfo:
         return LogInfo(
             path=str(path),
             bytes=path.stat().st_size,
-            ended=_ending(log),
+            ended=log.ending,
+            shortfall=log.shortfall,
             images=images.info(),
             camera=_try(lambda: _camera(log), problems),
             map=_try(lambda: _map(log), problems),
@@ -154,11 +158,13 @@ def log_info(path: Path) -> LogInfo:
         )
 
 
-class _ImageCounter:
+class ImageCounter:
+    """Counts images as they go by, in 16 bytes for each: a log may have millions."""
+
     def __init__(self, start_ns: int) -> None:
         self._start_ns = start_ns
-        self._indices: list[int] = []
-        self._times_ns: list[int] = []
+        self._indices = array("q")
+        self._times_ns = array("q")
         self._formats: Counter[str] = Counter()
         self._bytes = 0
         self._size: tuple[int | None, int | None] = (None, None)
@@ -198,12 +204,6 @@ class _ImageCounter:
                 for i in gaps.tolist()
             ),
         )
-
-
-def _ending(log: LogReader) -> str:
-    if log.cut_short:
-        return log.cut_short
-    return log.metadata.get(topics.SESSION_END, {}).get("ended", "complete")
 
 
 def _camera(log: LogReader) -> CameraInfo | None:

@@ -26,7 +26,7 @@ def info_text(info: LogInfo) -> str:
         (
             "gap",
             f"{gap.pause_s:.3f} s after frame {gap.after_frame} at {gap.at_s:.3f} s"
-            + (f", {gap.missing} frames missing" if gap.missing else ""),
+            + (f", {counted(gap.missing, 'frame')} missing" if gap.missing else ""),
         )
         for gap in gaps[:_SHOWN]
     ]
@@ -49,6 +49,11 @@ def size_text(size: int) -> str:
         if size < 1000 * scale or unit == "GB":
             return f"{size / scale:.1f} {unit}"
     return ""
+
+
+def counted(count: int, noun: str) -> str:
+    """`1 pose`, `2 poses`."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def _images(info: LogInfo) -> str:
@@ -87,7 +92,7 @@ def _map(info: LogInfo) -> str:
         return "none: replay needs --map"
     sizes = ", ".join(f"{size:g}" for size in marker_map.sizes_m)
     return (
-        f"{marker_map.markers} markers of {sizes} m, {marker_map.dictionary}, "
+        f"{counted(marker_map.markers, 'marker')} of {sizes} m, {marker_map.dictionary}, "
         f"frame {marker_map.frame}"
     )
 
@@ -96,10 +101,10 @@ def _truth(truth: TruthInfo | None) -> str:
     if truth is None:
         return "none"
     counts = (
-        (truth.path_points, "path of {} points"),
-        (truth.stood_poses, "{} poses stood at"),
-        (truth.trajectory_poses, "trajectory of {} poses"),
-        (truth.exact_poses, "{} exact poses"),
+        (truth.path_points, "path of {}", "point"),
+        (truth.stood_poses, "{} stood at", "pose"),
+        (truth.trajectory_poses, "trajectory of {}", "pose"),
+        (truth.exact_poses, "{}", "exact pose"),
     )
-    parts = [text.format(n) for n, text in counts if n]
+    parts = [text.format(counted(n, noun)) for n, text, noun in counts if n]
     return ", ".join(parts) + (f" ({truth.method})" if truth.method else "")

@@ -44,6 +44,7 @@ def record(
     out: Path,
     *,
     attachments: Mapping[str, bytes] | None = None,
+    session: Mapping[str, str] | None = None,
     force: bool = False,
     sinks: Iterable[FrameSink] = (),
 ) -> RecordSummary:
@@ -54,6 +55,7 @@ def record(
 
     Args:
         attachments: `camera.yaml`, `map.yaml`, `truth.*` in place of those the source brings.
+        session: entries of the session metadata, such as `host`, in place of what is found here.
         force: replace `out` if it exists.
         sinks: called with each frame once it is in the log: a viewer, a progress bar.
 
@@ -63,14 +65,13 @@ def record(
     files = merge_attachments(source.attachments, attachments or {})
     if topics.CAMERA_FILE in files:
         check_image_size(files[topics.CAMERA_FILE], source.image_size, source.name)
+    told = {**session_metadata(source), **(session or {})}
     sinks = tuple(sinks)
     ended: Ending = "complete"
     first_ns = last_ns = 0
     with ExitStack() as stack:
         stack.enter_context(termination_interrupts())
-        writer = stack.enter_context(
-            LogWriter(out, attachments=files, session=session_metadata(source), force=force)
-        )
+        writer = stack.enter_context(LogWriter(out, attachments=files, session=told, force=force))
         frames = source.frames()
         if close := getattr(frames, "close", None):
             stack.callback(close)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from recorder.info_text import size_text
+from recorder.info_text import counted, size_text
 from recorder.log import topics
 from recorder.record import RecordSummary
 
@@ -14,7 +14,7 @@ def summary_text(summary: RecordSummary) -> str:
     if not summary.frames_written:
         return "nothing recorded"
     lines = [
-        f"{summary.path}: {summary.frames_written} frames, {summary.duration_s:.3f} s, "
+        f"{summary.path}: {counted(summary.frames_written, 'frame')}, {summary.duration_s:.3f} s, "
         f"{size_text(summary.bytes_written)}, {summary.frames_dropped} dropped"
     ]
     if summary.missing:

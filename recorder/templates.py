@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,6 +51,8 @@ class CeilingGrid:
                 f"expected 1 to {available} markers of {self.dictionary}, "
                 f"found {self.rows} x {self.cols}"
             )
+        if not all(map(math.isfinite, (self.pitch_m, self.height_m, self.size_m))):
+            raise ValueError("expected finite lengths, found an infinite one or NaN")
         if not 0 < self.size_m < self.pitch_m:
             raise ValueError(
                 f"expected markers smaller than their pitch {self.pitch_m:g} m, "

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
@@ -20,25 +19,25 @@ FIXES = "fixes"
 Report = dict[str, Any]
 
 
-def errors(folder: Path, path: TruthPath | None) -> Report:
+def errors(folder: Path, path: TruthPath | None, trackers: Iterable[str]) -> Report:
     """Errors of the fixes and of each tracker, by kind of truth, from the tables in `folder`.
+
+    One estimate is in memory at a time, 32 bytes a frame, beside the truth.
 
     Returns:
         `exact`, `measured`: against timed poses; `path`: distances to the untimed path. Each has
         the fixes and the trackers by name. Kinds that there are none of are absent.
     """
-    estimates = _estimates(folder)
-    report: Report = {}
     truth = _truth(folder)
-    for kind in ("exact", "measured"):
-        if kind in truth:
-            report[kind] = {
-                name: timed_errors(estimate, truth[kind]) for name, estimate in estimates.items()
-            }
+    report: Report = {kind: {} for kind in truth}
     if path is not None:
-        report["path"] = {
-            name: path_errors(estimate[:, 1:3], path) for name, estimate in estimates.items()
-        }
+        report["path"] = {}
+    for name in (FIXES, *trackers):
+        estimate = _fixes(folder) if name == FIXES else _track(folder, name)
+        for kind, rows in truth.items():
+            report[kind][name] = timed_errors(estimate, rows)
+        if path is not None:
+            report["path"][name] = path_errors(estimate[:, 1:3], path)
     return report
 
 
@@ -112,47 +111,37 @@ def _statistics(values: Array) -> Report:
     }
 
 
-def _estimates(folder: Path) -> dict[str, Array]:
-    """(N, 4) frame_index, x_m, y_m, yaw_rad of the `ok` fixes and of each tracker."""
+def _fixes(folder: Path) -> Array:
+    """(N, 4) frame_index, x_m, y_m, yaw_rad of the `ok` fixes."""
     columns = ["frame_index", "x_m", "y_m", "yaw_rad"]
-    fixes = pq.read_table(
-        folder / "poses.parquet", columns=columns, filters=pc.field("status") == "ok"
-    )
-    estimates = {FIXES: _array(fixes, columns)}
-    for name in tracker_names(folder):
-        track = pq.read_table(
-            folder / "tracks.parquet",
-            columns=columns[:3],
-            filters=pc.field("tracker") == name,
-        )
-        # The trackers know no heading.
-        xy = _array(track, columns[:3])
-        estimates[name] = np.column_stack([xy, np.full(len(xy), np.nan)])
-    return estimates
+    return _rows(folder / "poses.parquet", columns, ("status", "ok"))
 
 
-def tracker_names(folder: Path) -> list[str]:
-    """The trackers of a result, in the order of its settings."""
-    first = next(
-        pq.ParquetFile(folder / "tracks.parquet").iter_batches(4096, columns=["tracker"]), None
-    )
-    return [] if first is None else list(dict.fromkeys(first.column(0).to_pylist()))
+def _track(folder: Path, name: str) -> Array:
+    """(N, 4) as of the fixes; a tracker knows no heading."""
+    xy = _rows(folder / "tracks.parquet", ["frame_index", "x_m", "y_m"], ("tracker", name))
+    return np.column_stack([xy, np.full(len(xy), np.nan)])
 
 
 def _truth(folder: Path) -> dict[str, Array]:
     """(N, 4) frame_index, x_m, y_m, yaw_rad by kind, at frames."""
-    if not (folder / "truth.parquet").exists():
+    path = folder / "truth.parquet"
+    if not path.exists():
         return {}
     columns = ["frame_index", "x_m", "y_m", "yaw_rad"]
-    table = pq.read_table(folder / "truth.parquet", columns=["kind", *columns])
-    kinds = {}
-    for kind in ("exact", "measured"):
-        rows = _array(table.filter(pc.field("kind") == kind), columns)
-        rows = rows[rows[:, 0] >= 0]
-        if len(rows):
-            kinds[kind] = rows
-    return kinds
+    kinds = {kind: _rows(path, columns, ("kind", kind)) for kind in ("exact", "measured")}
+    at_frames = {kind: rows[rows[:, 0] >= 0] for kind, rows in kinds.items()}
+    return {kind: rows for kind, rows in at_frames.items() if len(rows)}
 
 
-def _array(table: pa.Table, columns: list[str]) -> npt.NDArray[np.float64]:
-    return np.column_stack([table.column(name).to_numpy().astype(np.float64) for name in columns])
+def _rows(path: Path, columns: list[str], where: tuple[str, str]) -> Array:
+    """(N, columns) of the rows with a value in a column, read a row group at a time."""
+    name, value = where
+    parts = [np.empty((0, len(columns)))]
+    with pq.ParquetFile(path) as file:
+        for batch in file.iter_batches(columns=[*columns, name]):
+            chosen = batch.filter(pc.equal(batch.column(name), value))
+            parts.append(
+                np.column_stack([chosen.column(c).to_numpy().astype(np.float64) for c in columns])
+            )
+    return np.concatenate(parts)

@@ -1,4 +1,4 @@
-"""The verbs `replay` and `view`."""
+"""The verbs `replay`, `view` and `export`."""
 
 from __future__ import annotations
 
@@ -6,11 +6,15 @@ from pathlib import Path
 
 import click
 
+from recorder.click_types import FiniteFloat
+from replay.export_cli import export
+
 _FILE = click.Path(path_type=Path, dir_okay=False)
+_SECONDS = FiniteFloat()
 
 
 def commands() -> list[click.Command]:
-    return [replay, view]
+    return [replay, view, export()]
 
 
 @click.command(
@@ -25,8 +29,8 @@ Example:
 @click.option("--truth", type=_FILE, help="Truth (YAML, TUM or CSV) in place of the log's.")
 @click.option("--camera", type=_FILE, help="Calibration in place of the log's.")
 @click.option("--map", "map_path", type=_FILE, help="Marker map in place of the log's.")
-@click.option("--from", "from_s", type=float, metavar="S", help="From this second of the log.")
-@click.option("--to", "to_s", type=float, metavar="S", help="To this second of the log.")
+@click.option("--from", "from_s", type=_SECONDS, metavar="S", help="From this second of the log.")
+@click.option("--to", "to_s", type=_SECONDS, metavar="S", help="To this second of the log.")
 @click.option("--no-rrd", is_flag=True, help="Tables only, nothing for the viewer.")
 @click.option(
     "-o",
@@ -64,6 +68,7 @@ def replay(
     from replay.inputs import Overrides
     from replay.naming import result_folders, result_name
     from replay.report import summary_text
+    from replay.result import check_free
     from replay.run import ReplayOptions
     from replay.run import replay as replay_log
     from replay.settings_file import load_settings
@@ -81,7 +86,10 @@ def replay(
     )
     name = name or result_name(settings_path, options)
     summaries = []
-    for log, folder in result_folders(logs, output, name):
+    pairs = result_folders(logs, output, name)
+    for _, folder in pairs:
+        check_free(folder, force=force)
+    for log, folder in pairs:
         summary = replay_log(log, folder, name, options)
         summaries.append({"folder": str(folder), **summary})
         if not as_json:
@@ -102,8 +110,9 @@ Example:
     "paths", metavar="LOG|RESULT...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
 @click.option("--save", type=_FILE, help="Write one .rrd file and open no window.")
-def view(paths: tuple[Path, ...], save: Path | None) -> None:
+@click.option("--force", is_flag=True, help="Replace a file that exists.")
+def view(paths: tuple[Path, ...], save: Path | None, force: bool) -> None:
     """Look at a log or at results in the Rerun viewer; several results of a log overlay."""
     from replay.viewer.open import view as open_viewer
 
-    open_viewer(list(paths), save=save)
+    open_viewer(list(paths), save=save, force=force)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -24,18 +24,28 @@ if TYPE_CHECKING:
 SUMMARY = "summary.json"
 
 
+def check_free(folder: Path, *, force: bool) -> None:
+    """A result may be written to `folder`.
+
+    Raises:
+        InputError: it exists (without `force`), or is no result and may not be replaced.
+    """
+    if not folder.exists():
+        return
+    if not force:
+        raise InputError(folder, "already exists; --force replaces it, --name gives another")
+    if not folder.is_dir() or (any(folder.iterdir()) and not (folder / SUMMARY).exists()):
+        raise InputError(folder, "expected a result to replace, found something else")
+
+
 @contextmanager
 def new_result(folder: Path, *, force: bool = False) -> Iterator[Path]:
     """A temporary folder that becomes `folder` when the block ends well, and vanishes otherwise.
 
     Raises:
-        InputError: `folder` exists (without `force`), or is no result and may not be replaced.
+        InputError: as `check_free`.
     """
-    if folder.exists():
-        if not force:
-            raise InputError(folder, "already exists; --force replaces it, --name gives another")
-        if not folder.is_dir() or (any(folder.iterdir()) and not (folder / SUMMARY).exists()):
-            raise InputError(folder, "expected a result to replace, found something else")
+    check_free(folder, force=force)
     temporary = folder.with_name(f".{folder.name}.part")
     shutil.rmtree(temporary, ignore_errors=True)
     made = [p for p in (folder.parent, *folder.parent.parents) if not p.exists()]
@@ -45,11 +55,18 @@ def new_result(folder: Path, *, force: bool = False) -> Iterator[Path]:
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         for parent in made:
-            parent.rmdir()
+            with suppress(OSError):
+                parent.rmdir()
         raise
-    if folder.exists():
-        shutil.rmtree(folder)
+    if not folder.exists():
+        temporary.rename(folder)
+        return
+    # At no moment is there neither the old result nor the new one.
+    old = folder.with_name(f".{folder.name}.old")
+    shutil.rmtree(old, ignore_errors=True)
+    folder.rename(old)
     temporary.rename(folder)
+    shutil.rmtree(old)
 
 
 @dataclass(frozen=True)

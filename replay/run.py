@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,10 @@ import cv2
 from tqdm import tqdm
 
 from pipeline.localizer import FrameResult, Localizer, PipelineSettings
+from pipeline.variance import UnknownVariance
 from recorder.errors import InputError
 from recorder.log.reader import LogEvent, LogImage, LogReader
+from recorder.session import git_state
 from replay.accuracy import errors
 from replay.inputs import Inputs, Overrides, gather
 from replay.result import SUMMARY, new_result
@@ -55,6 +58,7 @@ def replay(log: Path, out: Path, name: str, options: ReplayOptions) -> dict[str,
     Raises:
         InputError: the log, a file or the output is not what it should be; nothing is left behind.
     """
+    _check_models(options.settings)
     with LogReader(log) as reader, new_result(out, force=options.force) as folder:
         inputs = gather(reader, options.overrides)
         _check_images(reader, inputs)
@@ -72,9 +76,11 @@ def replay(log: Path, out: Path, name: str, options: ReplayOptions) -> dict[str,
             "name": name,
             "log": log.name,
             "log_sha256": log_sha256,
-            "log_cut_short": reader.cut_short,
+            "log_cut_short": reader.shortfall,
             "tables_version": TABLES_VERSION,
             "versions": versions(),
+            "git": git_state(),
+            "inputs": {file: sha256(data).hexdigest() for file, data in inputs.files.items()},
             "overrides": sorted(
                 key for key, value in vars(options.overrides).items() if value is not None
             ),
@@ -86,7 +92,7 @@ def replay(log: Path, out: Path, name: str, options: ReplayOptions) -> dict[str,
             "fallback": tally.fallback,
             "wall_s": round(wall_s, 3),
             "frames_per_second": round(tally.frames / wall_s, 2),
-            "errors": errors(folder, path),
+            "errors": errors(folder, path, options.settings.trackers),
         }
         (folder / SUMMARY).write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n")
     return summary
@@ -126,7 +132,7 @@ def _run(
     start_ns = reader.start_ns or 0
     localizer = Localizer(settings, inputs.camera, inputs.marker_map, start_ns)
     measured = MeasuredTruth(inputs.truth, start_ns)
-    jobs = options.jobs or len(os.sched_getaffinity(0))
+    jobs = options.jobs or _cores()
     tally = _Tally()
     with ExitStack() as stack:
         tables = stack.enter_context(TableWriter(folder))
@@ -150,7 +156,7 @@ def _run(
         stack.enter_context(_opencv_threads(1 if jobs > 1 else None))
         bar = stack.enter_context(
             tqdm(
-                total=reader.image_count(),
+                total=None if options.from_s or options.to_s else reader.image_count(),
                 unit="frame",
                 desc=reader.path.name,
                 disable=None if options.progress else True,
@@ -169,24 +175,39 @@ def _run(
                 item.image.frame_index, item.image.timestamp_ns, item.detections
             )
             tally.add(result)
-            _write(tables, measured, item, result)
+            measured_xy = _write(tables, measured, item, result)
             if recording is not None:
                 exact = item.exact.T_map_camera if item.exact else None
-                recording.log_frame(item.image, result, exact)
+                recording.log_frame(item.image, result, exact, measured_xy)
             bar.update()
     return tally
 
 
 def _write(
     tables: TableWriter, measured: MeasuredTruth, item: DetectedImage, result: FrameResult
-) -> None:
+) -> tuple[float, float] | None:
+    """Adds a frame to the tables; returns the measured x and y where there are any."""
     tables.add(result)
     if item.exact is not None:
         tables.add_truth(
             exact_row(result.frame_index, result.timestamp_ns, item.exact.T_map_camera)
         )
-    for row in measured.at(result.frame_index, result.timestamp_ns):
+    rows = list(measured.at(result.frame_index, result.timestamp_ns))
+    for row in rows:
         tables.add_truth(row)
+    return rows[0].position_m[:2] if rows else None
+
+
+def _check_models(settings: PipelineSettings) -> None:
+    """A model of someone's own is settings without a call where its class is not defined."""
+    for name, tracker in settings.trackers.items():
+        if isinstance(tracker.variance, UnknownVariance):
+            raise InputError(
+                "settings",
+                f"expected a built-in kind, found the custom model {tracker.variance.name}, "
+                "which only the program that defines it can replay",
+                f"trackers.{name}.variance",
+            )
 
 
 def _check_images(reader: LogReader, inputs: Inputs) -> None:
@@ -210,6 +231,13 @@ def _span(options: ReplayOptions) -> str:
     start = 0.0 if options.from_s is None else options.from_s
     end = "the end" if options.to_s is None else f"{options.to_s} s"
     return f"the span from {start} s to {end}"
+
+
+def _cores() -> int:
+    """Those that this process may use, where the system tells."""
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 @contextmanager

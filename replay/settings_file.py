@@ -13,17 +13,22 @@ import yaml
 from pipeline.localizer import PipelineSettings
 from recorder.errors import InputError
 from recorder.files.yaml_file import load_yaml, parse_yaml, validate
+from replay.variance_file import resolve_tables
 
 
 def load_settings(path: Path | None, overrides: Iterable[str] = ()) -> PipelineSettings:
     """The settings of a file (None: the paper's), with `key.key=value` overrides on top.
+
+    A variance model's `path: table.yaml` becomes the table in that file: relative to the settings
+    file, or to the current folder in an override.
 
     Raises:
         InputError: names the file or the override, the key, what was expected and what was found.
     """
     source = path or Path("the paper's settings")
     data = {} if path is None else load_yaml(path)
-    settings = validate(PipelineSettings, {} if data is None else data, source)
+    data = resolve_tables({} if data is None else data, source, source.parent)
+    settings = validate(PipelineSettings, data, source)
     for override in overrides:
         settings = _override(settings, override)
     return settings
@@ -44,7 +49,7 @@ def _override(settings: PipelineSettings, override: str) -> PipelineSettings:
             raise InputError(place, f"expected one of: {known}", ".".join(parents[: depth + 1]))
         node = node[name]
     node[last] = value
-    return validate(PipelineSettings, whole, place)
+    return validate(PipelineSettings, resolve_tables(whole, place, Path(), replace=True), place)
 
 
 def settings_yaml(settings: PipelineSettings, versions: dict[str, str]) -> bytes:

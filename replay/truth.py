@@ -57,10 +57,14 @@ class MeasuredTruth:
             self._position_of = {frame: i for i, frame in enumerate(indices)}
 
     def at(self, frame_index: int, timestamp_ns: int) -> Iterator[TruthRow]:
-        """The measured rows for one frame, none where nothing was measured."""
-        time_s = (timestamp_ns - self._start_ns) * 1e-9
+        """The measured rows for one frame, none where nothing was measured.
+
+        A stood-at pose holds from `from_s` to `to_s`, both included.
+        """
+        since_start_ns = timestamp_ns - self._start_ns
         for stood in self._poses:
-            if stood.from_s <= time_s <= stood.to_s:
+            # In whole nanoseconds: 1.9 s is a frame's time, 19 * 1e8 * 1e-9 is above it.
+            if round(stood.from_s * 1e9) <= since_start_ns <= round(stood.to_s * 1e9):
                 nan = float("nan")
                 yaw_rad = nan if stood.yaw_rad is None else stood.yaw_rad
                 z_m = nan if stood.z_m is None else stood.z_m

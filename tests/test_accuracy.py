@@ -82,6 +82,10 @@ def test_stood_poses_apply_to_the_frames_of_their_span() -> None:
     measured = MeasuredTruth(Truth("map", "", poses=(stood(1.0, 2.0),)), start_ns)
     inside = [bool(list(measured.at(0, start_ns + ms * 10**6))) for ms in (999, 1000, 1500, 2001)]
     assert inside == [False, True, True, False]
+    # Both ends belong to the span, also where a product of floats would be an ulp beyond.
+    until = MeasuredTruth(Truth("map", "", poses=(stood(0.0, 1.9),)), start_ns)
+    inside = [bool(list(until.at(0, start_ns + i * 10**8))) for i in range(21)]
+    assert inside == [True] * 20 + [False]
     row = next(measured.at(7, start_ns + 10**9))
     assert (row.frame_index, row.kind, row.position_m[:2], row.std_m) == (
         7,

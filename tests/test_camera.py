@@ -81,3 +81,14 @@ def test_a_calibration_that_cannot_be_is_refused(change: dict[str, object], mess
     }
     with pytest.raises(ValueError, match=message):
         Camera(**{**good, **change})  # type: ignore[arg-type]
+
+
+def test_a_fisheye_pixel_beyond_90_degrees_has_no_ray() -> None:
+    matrix = np.array([[300.0, 0, 639.5], [0, 300.0, 359.5], [0, 0, 1]])
+    camera = Camera(1280, 720, matrix, "equidistant", np.zeros(4))
+    # An ideal fisheye: the distance from the centre is f times the angle.
+    degrees = np.array([0.0, 45.0, 80.0, 95.0, 120.0])
+    pixels = np.column_stack([639.5 + 300.0 * np.radians(degrees), np.full(5, 359.5)])
+    rays = camera.undistort(pixels)
+    np.testing.assert_allclose(rays[:3, 0], np.tan(np.radians(degrees[:3])), rtol=1e-6, atol=1e-9)
+    assert np.isnan(rays[3:]).all()

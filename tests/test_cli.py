@@ -17,6 +17,7 @@ from tests import worlds
 
 ROOT = Path(__file__).resolve().parents[1]
 VERBS = ["init", "record", "replay", "compare", "view", "info", "attach", "demo"]
+VERBS += ["analyze", "report", "export"]
 
 
 def arucolog(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:

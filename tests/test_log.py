@@ -304,6 +304,14 @@ def test_a_log_of_another_make_is_read(tmp_path: Path) -> None:
         assert log.camera() is None
 
 
+def test_a_time_that_no_clock_gives_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file, ProtobufWriter(file) as writer:
+        writer.write_message("/camera/image", messages.to_image(0, png(), "png"), 0, 2**63)
+    with LogReader(path) as log, pytest.raises(InputError, match=r"expected a time before 2262"):
+        list(log.records())
+
+
 def test_a_topic_with_another_schema_is_named(tmp_path: Path) -> None:
     path = tmp_path / "other.mcap"
     with path.open("wb") as file:

@@ -146,6 +146,36 @@ def test_an_exception_leaves_a_whole_log(tmp_path: Path, error: BaseException, e
         assert log.metadata["session_end"]["ended"] == ended
 
 
+@pytest.mark.parametrize(
+    ("ended", "shortfall"),
+    [
+        ("complete", None),
+        ("interrupted", None),
+        ("disk_full", "cut short when it was recorded: the disk was full"),
+        ("error: no light", "cut short when it was recorded: no light"),
+        ("cut short after 3 frames: x", "cut short after 3 frames: x"),
+    ],
+)
+def test_how_a_log_ended_is_known_without_its_index(
+    tmp_path: Path, ended: str, shortfall: str | None
+) -> None:
+    path = tmp_path / "log.mcap"
+    with LogWriter(path, attachments=attachments(), session={}) as writer:
+        writer.write_frame(frame(0))
+        writer.end_as(ended)
+    data = path.read_bytes()
+    (index_at,) = struct.unpack_from("<Q", data, len(data) - 28)
+    for length in (len(data), index_at + 30):
+        path.write_bytes(data[:length])
+        with LogReader(path) as log:
+            assert len(images(log)) == 1
+            assert (log.cut_short, log.ending, log.shortfall) == (None, ended, shortfall)
+    path.write_bytes(data[: index_at - 30])
+    with LogReader(path) as log:
+        list(log.messages())
+        assert log.ending == log.shortfall == log.cut_short is not None
+
+
 class SmallDisk:
     """A file on a disk that takes `capacity` bytes, and gives back what the reserve held."""
 

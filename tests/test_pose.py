@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.camera import DistortionModel
+from pipeline.camera import Camera, DistortionModel
 from pipeline.detection import Detections
 from pipeline.geometry import Pose
 from pipeline.markers import Marker, MarkerMap
@@ -171,6 +171,23 @@ def test_reprojection_gate_counts_markers() -> None:
     assert (fix.status, fix.n_explained) == ("reprojection", 0)
     assert np.isnan(fix.reprojection_rms_px)
     assert fix.reprojection_rms_used_px == pytest.approx(100)
+
+
+def test_a_fisheye_marker_beyond_90_degrees_is_not_used() -> None:
+    matrix = np.array([[300.0, 0, 639.5], [0, 300.0, 359.5], [0, 0, 1]])
+    camera = Camera(1280, 720, matrix, "equidistant", np.zeros(4))
+    marker_map = worlds.ceiling()
+    T_map_camera = worlds.looking_up(0.1, 0.1)
+    seen = worlds.corners(T_map_camera, camera, marker_map)
+    moved = seen.corners_px.copy()
+    moved[0] += (1240.0, 360.0) - moved[0].mean(axis=0)
+    fix = RansacIterative()(Detections(seen.ids, moved), camera, marker_map, 0.0)
+    assert fix.status == "ok"
+    assert fix.used_ids == tuple(seen.ids[1:])
+    assert fix.T_map_camera is not None
+    np.testing.assert_allclose(fix.T_map_camera.translation, (0.1, 0.1, 0.3), atol=1e-3)
+    alone = RansacIterative()(Detections(seen.ids[:1], moved[:1]), camera, marker_map, 0.0)
+    assert (alone.status, alone.n_used) == ("solver_failed", 0)
 
 
 def test_the_solver_survives_nonsense_corners() -> None:

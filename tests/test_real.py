@@ -49,7 +49,7 @@ def test_field_2023(shared_data: Path, tmp_path: Path) -> None:
     poses = open_result(tmp_path / "r").table("poses")
     rows = csv.DictReader((folder / "ground_truth.csv").read_text().splitlines())
     truth = {row["image"]: (float(row["x_m"]), float(row["y_m"])) for row in rows}
-    # Images are recorded in natural order.
+    # For these names natural order is that of the alphabet.
     expected = np.array([truth[name] for name in sorted(truth)])
     offset = poses[["x_m", "y_m"]].to_numpy() - expected
     for name, shift, used in zip(sorted(truth), offset, poses["n_used"], strict=True):

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import signal
+import tracemalloc
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -20,7 +22,8 @@ from recorder.errors import InputError
 from recorder.files.camera_file import camera_yaml, parse_camera
 from recorder.files.map_file import parse_map
 from recorder.files.truth_file import parse_truth
-from recorder.info import log_info
+from recorder.info import ImageCounter, log_info
+from recorder.info_text import info_text
 from recorder.log.reader import ExactPose, LogEvent, LogImage, LogReader
 from recorder.log.writer import LogWriter
 from recorder.record import record
@@ -29,6 +32,7 @@ from recorder.session import git_state
 from recorder.sources.base import CapturedFrame, SourceEvent
 from recorder.sources.opening import open_source
 from recorder.templates import CeilingGrid, write_templates
+from replay.cli import commands as replay_commands
 from tests.log_helpers import (
     TRUTH_YAML,
     attachments,
@@ -49,6 +53,7 @@ class ScriptedSource:
     """Gives what it was given; raises what is an exception."""
 
     name = "scripted"
+    note: str | None = None
 
     def __init__(self, items: list[Item], files: Mapping[str, bytes] | None = None) -> None:
         self._items = items
@@ -67,6 +72,9 @@ class ScriptedSource:
 
     def frame_count(self) -> int | None:
         return None
+
+    def preparation(self) -> str | None:
+        return self.note
 
     def frames(self) -> Iterator[CapturedFrame | SourceEvent]:
         for item in self._items:
@@ -104,6 +112,17 @@ def test_frames_events_and_files_go_into_the_log(tmp_path: Path) -> None:
         assert set(log.attachments) == {"camera.yaml", "map.yaml", "truth.csv"}
         assert log.metadata["session"]["source.kind"] == "script"
         assert log.metadata["session"]["log_format"] == "1"
+
+
+def test_a_log_need_not_name_the_machine(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    session = {"host": "-", "platform": "-", "git": "-", "operator": "A. B."}
+    record(ScriptedSource([frame(0)]), path, session=session)
+    with LogReader(path) as log:
+        found = log.metadata["session"]
+    assert found.items() >= session.items()
+    assert found["source"] == "scripted"
+    assert found["opencv"]
 
 
 def test_an_interrupted_recording_is_kept(tmp_path: Path) -> None:
@@ -254,6 +273,27 @@ def test_attach_to_a_cut_log_says_that_it_was_cut(tmp_path: Path) -> None:
     ended = log_info(copy).ended
     assert ended == log_info(path).ended
     assert ended.startswith("cut short after 1")
+    with LogReader(copy) as log:
+        list(log.messages())
+        assert log.cut_short is None
+        assert log.shortfall == ended
+    assert log_info(copy).as_dict()["shortfall"] == ended
+
+
+@pytest.mark.parametrize("ended", ["complete", "interrupted", "disk_full"])
+def test_a_copy_ends_as_its_original_did(tmp_path: Path, ended: str) -> None:
+    """Also where the original has lost its index."""
+    path, copy = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    with LogWriter(path, attachments=attachments(), session={}) as writer:
+        writer.write_frame(frame(0))
+        writer.write_frame(frame(2))
+        writer.end_as(ended)
+    path.write_bytes(path.read_bytes()[:-60])
+    attach(path, copy, {"truth.yaml": TRUTH_YAML})
+    with LogReader(copy) as log:
+        assert log.ending == ended
+        assert (log.shortfall is None) == (ended != "disk_full")
+        assert log.metadata["session_end"]["frames_dropped"] == "1"
 
 
 def test_attach_refuses_what_does_not_fit(tmp_path: Path) -> None:
@@ -314,6 +354,30 @@ def test_info_finds_gaps(tmp_path: Path) -> None:
     assert info.session["source"] == "scripted"
 
 
+def test_counting_images_takes_16_bytes_for_each() -> None:
+    counter = ImageCounter(0)
+    image = LogImage(0, 0, 0, b"", "png")
+    counter.add(image)
+    tracemalloc.start()
+    for i in range(1, 20_000):
+        counter.add(replace(image, frame_index=i, timestamp_ns=1_700_000_000_000_000_000 + i))
+    size, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert size < 25 * 20_000
+    assert counter.info().count == 20_000
+
+
+def test_info_counts_one_thing_as_one(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    one = "poses:\n  - {from_s: 0, to_s: 1, x_m: 0.1, y_m: 0.2, std_m: 0.005}\n"
+    with LogWriter(path, attachments={"truth.yaml": one.encode()}, session={}) as writer:
+        writer.write_frame(frame(0))
+        writer.write_frame(frame(2))
+    text = info_text(log_info(path))
+    assert "1 pose stood at, 2 exact poses" in text
+    assert ", 1 frame missing" in text
+
+
 def test_info_on_a_log_with_a_bad_file_says_so_and_goes_on(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     write_log(path, 3)
@@ -357,6 +421,8 @@ def test_templates_do_not_replace_files(tmp_path: Path) -> None:
 def test_a_grid_that_cannot_be_is_refused() -> None:
     with pytest.raises(ValueError, match="1 to 50 markers"):
         CeilingGrid(rows=6, cols=9, dictionary="DICT_4X4_50")
+    with pytest.raises(ValueError, match="expected finite lengths"):
+        CeilingGrid(height_m=float("inf"))
     with pytest.raises(ValueError, match="smaller than their pitch"):
         CeilingGrid(pitch_m=0.1, size_m=0.1)
 
@@ -402,6 +468,14 @@ def test_record_says_what_a_replay_will_ask_for(tmp_path: Path) -> None:
     assert "without camera.yaml and map.yaml: replay needs --camera and --map" in done.output
 
 
+def test_what_takes_long_is_said_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = ScriptedSource([frame(0)])
+    monkeypatch.setattr("recorder.sources.opening.open_source", lambda spec, options: source)
+    assert run("record", "camera", "-o", tmp_path / "a.mcap").stderr.strip() == ""
+    source.note = "warming up"
+    assert run("record", "camera", "-o", tmp_path / "b.mcap").stderr.strip() == "warming up"
+
+
 def test_an_interrupted_command_exits_with_130(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -414,6 +488,49 @@ def test_an_interrupted_command_exits_with_130(
     assert done.return_value == 130
     assert "Interrupted. The log is complete up to here." in done.output
     assert log_info(path).images.count == 1
+
+
+def test_messages_name_the_file_that_was_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    image_folder(tmp_path / "shots")
+    (tmp_path / "left.yaml").write_bytes(camera_yaml(camera(48, 64)))
+    write_log(tmp_path / "a.mcap", 1)
+    hall = tmp_path / "hall.yaml"
+    hall.write_bytes(TRUTH_YAML.replace(b"frame: map", b"frame: hall"))
+    for arguments, message in (
+        (("record", "shots", "--camera", "left.yaml"), "left.yaml: expected a calibration for 64"),
+        (("attach", "a.mcap", "--camera", "left.yaml", "-o", "b.mcap"), "left.yaml: expected a ca"),
+        (("attach", "a.mcap", "--truth", hall, "-o", "b.mcap"), f"{hall}: frame: expected the map"),
+    ):
+        assert str(run(*arguments).exception).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("init", "--height-m", "inf"), "--height-m': expected a finite number, found 'inf'"),
+        (("init", "--height-m", "nan"), "--height-m': expected a finite number, found 'nan'"),
+        (("init", "--height-m", "-1"), "--height-m': expected a number above 0, found '-1'"),
+        (("init", "--pitch-m", "nan"), "--pitch-m': expected a finite number"),
+        (("init", "--size-m", "0"), "--size-m': expected a number above 0"),
+        (("init", "--size-m", "wide"), "--size-m': 'wide' is not a valid float"),
+        (("record", "x.mp4", "--fps", "nan"), "--fps: expected a rate above 0, found 'nan'"),
+        (("record", "x.mp4", "--fps", "inf"), "--fps: expected a rate above 0, found 'inf'"),
+        (("replay", "x.mcap", "--from", "nan"), "--from': expected a finite number, found 'nan'"),
+        (("replay", "x.mcap", "--to", "-inf"), "--to': expected a finite number, found '-inf'"),
+    ],
+)
+def test_a_number_that_cannot_be_is_wrong_usage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    command = {c.name: c for c in [*commands(), *replay_commands()]}[arguments[0]]
+    done = CliRunner().invoke(command, arguments[1:])
+    assert done.exit_code == 2
+    assert [line for line in done.output.splitlines() if message in line]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_failed_command_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

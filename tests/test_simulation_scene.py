@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import importlib.util
+import os
 import time
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ import yaml
 from pipeline.markers import load_dictionary
 from recorder.errors import InputError
 from recorder.files.truth_file import parse_truth
+from recorder.simulation.compilation import is_kept
 from recorder.simulation.scene_file import Scene, load_scene, shipped_scenes
 from recorder.simulation.source import SceneSource
 from recorder.sources.base import CapturedFrame, Source, SourceEvent
@@ -311,6 +314,22 @@ def test_frame_count_follows_duration_or_trajectory(tmp_path: Path) -> None:
         (changed(image__nois_std=3), r"image\.nois_std: expected a known key.*noise_std"),
         (changed(image__jpeg_quality=500), r"image\.jpeg_quality: expected .*100.*found 500"),
         (changed(camera=None), r"camera: expected this key, found none"),
+        (
+            changed(camera=3),
+            r"\.yaml: camera: expected a path or the content of a camera.yaml, found 3$",
+        ),
+        (
+            changed(map=[1]),
+            r"\.yaml: map: expected a path or the content of a map.yaml, found \[1\]$",
+        ),
+        (
+            changed(truth=False),
+            r"\.yaml: truth: expected a path or the content of a truth.yaml, found False$",
+        ),
+        (
+            changed(true_map={1: 2}),
+            r"\.yaml: true_map: expected a path or the content of a map.yaml, found \{1: 2\}$",
+        ),
         (changed(camera="nowhere.yaml"), r"nowhere\.yaml: expected a file, found none"),
         (changed(camera__f_px=100.0), r"camera: expected one of f_px and diagonal_fov_deg"),
         (changed(camera__width_px="wide"), r"camera\.width_px: expected .*integer, found 'wide'"),
@@ -354,6 +373,41 @@ def test_a_missing_or_empty_scene_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "empty.yaml").write_text("")
     with pytest.raises(InputError, match="expected keys and values, found nothing"):
         load_scene(tmp_path / "empty.yaml")
+
+
+def test_nothing_given_is_nothing_said(tmp_path: Path) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump({**SMALL, "truth": None, "true_map": None}))
+    assert set(load_scene(path).attachments) == {"camera.yaml", "map.yaml"}
+
+
+def test_the_first_frame_is_said_to_wait_for_the_compiler(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = SceneSource(write(tmp_path, SMALL))
+    captured(source)
+    assert source.preparation() is None
+    monkeypatch.setattr("recorder.simulation.renderer.is_kept", lambda function: False)
+    assert "compiling the renderer" in (source.preparation() or "")
+
+
+def test_machine_code_is_kept_until_its_source_changes(tmp_path: Path) -> None:
+    path = tmp_path / "kernel.py"
+    path.write_text(
+        "from recorder.simulation.compilation import compiled\n\n\n"
+        "@compiled\ndef twice(x):\n    return 2 * x\n"
+    )
+    specification = importlib.util.spec_from_file_location("kernel", path)
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    assert not is_kept(module.twice)
+    assert module.twice(2) == 4
+    assert is_kept(module.twice)
+    later_s = time.time() + 60
+    os.utime(path, (later_s, later_s))
+    assert not is_kept(module.twice)
 
 
 @pytest.mark.bench

@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 
 from recorder.errors import InputError
+from recorder.files.yaml_file import read_bytes
 from recorder.image_header import ImageHeader, read_header
+from recorder.log.reader import LogEvent, LogReader
+from recorder.record import record
 from recorder.sources.base import CapturedFrame, SourceEvent
 from recorder.sources.images import ImagesSource
 from recorder.sources.opening import SourceOptions, open_source, parse_start
@@ -121,12 +124,77 @@ def test_images_that_do_not_fit_are_named(tmp_path: Path) -> None:
     (tmp_path / "b.png").write_bytes(encoded(".png", GRAY[:40]))
     with pytest.raises(InputError, match=r"b\.png: expected the size of a\.png, 64x48.*64x40"):
         ImagesSource(tmp_path)
-    for name in ("b.png", "b.tif"):
-        (tmp_path / "b.png").unlink(missing_ok=True)
-        (tmp_path / name).write_bytes(b"no image")
-        with pytest.raises(InputError, match=rf"{name}: expected a {name[2:]} image"):
-            ImagesSource(tmp_path)
-        (tmp_path / name).unlink()
+    (tmp_path / "a.png").write_bytes(b"")
+    (tmp_path / "b.png").unlink()
+    (tmp_path / "b.tif").write_bytes(b"no image")
+    with pytest.raises(InputError, match=r"a\.png: expected a png image, found something else"):
+        ImagesSource(tmp_path)
+    (tmp_path / "c.tif").write_bytes(encoded(".tif", GRAY.astype(np.float32)))
+    with pytest.raises(InputError, match=r"c\.tif: expected 8 or 16 bits a pixel, found float32"):
+        ImagesSource(tmp_path)
+
+
+def test_one_bad_image_does_not_refuse_a_folder(tmp_path: Path) -> None:
+    """What needs no decoding is kept as it is; the rest is lost, and the log says both."""
+    folder = tmp_path / "shots"
+    folder.mkdir()
+    contents = {
+        "0.jpg": b"",
+        "1.png": encoded(".png"),
+        "2.jpg": encoded(".jpg")[:30],
+        "3.bmp": b"no image",
+        "4.bmp": encoded(".bmp"),
+        "5.bmp": b"",
+    }
+    for name, data in contents.items():
+        (folder / name).write_bytes(data)
+    source = ImagesSource(folder)
+    assert source.image_size == (64, 48)
+    frames = frames_of(source)
+    assert [(f.frame_index, f.format) for f in frames] == [
+        (0, "jpeg"), (1, "png"), (2, "jpeg"), (4, "png"),
+    ]  # fmt: skip
+    assert [f.data for f in frames[:3]] == list(contents.values())[:3]
+    assert source.frame_count() == 4
+    summary = record(source, tmp_path / "log.mcap")
+    assert (summary.frames_written, summary.frames_dropped) == (4, 2)
+    with LogReader(tmp_path / "log.mcap") as log:
+        events = [(r.level, r.message) for r in log.records() if isinstance(r, LogEvent)]
+    assert events == [
+        ("warning", "frame 0 is not a readable jpeg image"),
+        ("warning", "frame 2 is not a readable jpeg image"),
+        ("warning", "frame 3 is lost: 3.bmp is not a readable image"),
+        ("warning", "frame 5 is lost: 5.bmp is not a readable image"),
+    ]
+
+
+def test_sizes_are_read_from_the_first_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    png = encoded(".png")
+    (tmp_path / "a.png").write_bytes(png + bytes(1_000_000))
+    read = []
+
+    def read_some(path: Path, limit: int = -1) -> bytes:
+        read.append(len(data := read_bytes(path, limit)))
+        return data
+
+    monkeypatch.setattr("recorder.sources.images.read_bytes", read_some)
+    ImagesSource(tmp_path)
+    assert sum(read) <= 65536
+    # A preview before the header.
+    jpeg = encoded(".jpg")
+    preview = b"\xff\xe1" + (60_002).to_bytes(2, "big") + bytes(60_000)
+    (tmp_path / "a.png").unlink()
+    (tmp_path / "b.jpg").write_bytes(jpeg[:2] + 2 * preview + jpeg[2:])
+    assert ImagesSource(tmp_path).image_size == (64, 48)
+
+
+def test_images_beyond_all_clocks_are_refused(tmp_path: Path) -> None:
+    for name in ("a.png", "b.png"):
+        (tmp_path / name).write_bytes(encoded(".png"))
+    with pytest.raises(InputError, match=r"expected times before 2262.*--fps"):
+        frames_of(ImagesSource(tmp_path, fps=Fraction("1e-10")))
 
 
 @pytest.mark.parametrize("name", ["a.avi", "a.mkv", "a.mov"])
@@ -201,6 +269,32 @@ def test_a_corrupt_part_of_a_video_is_not_silent(tmp_path: Path) -> None:
     assert sum(e.dropped for e in events) == 1
 
 
+@pytest.mark.parametrize("codec", ["libx264", "mpeg4", "mjpeg"])
+def test_a_trimmed_video_gives_what_it_shows(tmp_path: Path, codec: str) -> None:
+    """Five frames are in the file for the sake of the others; its edit list leaves them out."""
+    if codec not in av.codecs_available:
+        pytest.skip(f"no {codec} here")
+    whole, path = tmp_path / "whole.mp4", tmp_path / "trimmed.mp4"
+    make_video(whole, codec, count=12)
+    with av.open(str(whole)) as container, av.open(str(path), "w") as trimmed:
+        stream = container.streams.video[0]
+        target = trimmed.add_stream_from_template(stream)
+        for packet in container.demux(stream):
+            if packet.pts is None or packet.dts is None:
+                continue
+            shift = round(5 * Fraction(1001, 30000) / packet.time_base)
+            packet.pts, packet.dts, packet.stream = packet.pts - shift, packet.dts - shift, target
+            trimmed.mux(packet)
+    source = VideoSource(path)
+    items = list(source.frames())
+    frames = [item for item in items if isinstance(item, CapturedFrame)]
+    assert items == frames
+    assert source.frame_count() == len(frames) == 7
+    assert [f.frame_index for f in frames] == list(range(7))
+    assert frames[0].timestamp_ns == 0
+    assert [left_edge(f) for f in frames] == pytest.approx([8 * i for i in range(5, 12)], abs=1)
+
+
 def test_a_video_that_was_cut_gives_its_first_frames(tmp_path: Path) -> None:
     path = tmp_path / "a.avi"
     make_video(path, "mjpeg", count=12)
@@ -227,6 +321,7 @@ def test_a_source_is_chosen_by_what_it_is(tmp_path: Path) -> None:
         ("none", SourceOptions(), "found nothing there"),
         ("/dev/video0", SourceOptions(), "not supported yet"),
         ("rtsp://camera", SourceOptions(), "not supported yet"),
+        ("samples", SourceOptions(), r"scenes that come along: .*hard, .*sample"),
         ("x.mcap", SourceOptions(), "found a log"),
         ("x.txt", SourceOptions(), "expected a video, found something else"),
         ("a.mkv", SourceOptions(fps=Fraction(3)), "no --fps for a video"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -68,3 +69,19 @@ def test_a_broken_image_is_a_complaint(tmp_path: Path) -> None:
     file.stream.send_blueprint(log_layout(eye_on(aspect=1.0), has_pose=False, has_scene=False))
     file.close()
     assert screenshot(tmp_path / "broken.rrd", tmp_path / "picture.png") != []
+
+
+def _viewers() -> set[str]:
+    """Process ids of headless viewers, where the system lists processes as files."""
+    found = set()
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):
+            if b"--headless" in path.read_bytes():
+                found.add(path.parent.name)
+    return found
+
+
+def test_no_viewer_stays_behind(recordings: dict[str, Path], tmp_path: Path) -> None:
+    before = _viewers()
+    screenshot(recordings["log"], tmp_path / "picture.png")
+    assert not _viewers() - before

@@ -106,6 +106,7 @@ def small_log(
     n_frames: int = 12,
     *,
     exact: bool = True,
+    moving: bool = True,
     damaged: tuple[int, ...] = (),
     attachments: tuple[str, ...] = ("camera.yaml", "map.yaml", "truth.yaml"),
 ) -> Path:
@@ -119,6 +120,7 @@ def small_log(
     given = {name: files[name] for name in attachments}
     with LogWriter(path, attachments=given, session={"source": "test"}) as writer:
         for i, pose in enumerate(drive(n_frames)):
+            pose = pose if moving else drive(1)[0]
             stamp = START_NS + i * FRAME_NS
             data = cv2.imencode(".jpg", draw(pose, lens, marker_map))[1].tobytes()
             if i in damaged:

@@ -1,1 +1,1 @@
-"""The compiled parts of `pipeline.batch_pose`: imported late, for they import numba."""
+"""The parts of `pipeline.batch_pose`; `start` and `refine` are compiled and import numba."""

@@ -97,14 +97,15 @@ def load_yaml(path: Path) -> Any:
     return parse_yaml(read_bytes(path), path)
 
 
-def read_bytes(path: Path) -> bytes:
-    """The bytes of a file that a person named.
+def read_bytes(path: Path, limit: int = -1) -> bytes:
+    """The bytes of a file that a person named, the first `limit` where that is given.
 
     Raises:
         InputError: it is not there, is a folder, or may not be read.
     """
     try:
-        return path.read_bytes()
+        with path.open("rb") as file:
+            return file.read(limit)
     except FileNotFoundError as error:
         raise InputError(path, "expected a file, found none") from error
     except IsADirectoryError as error:
@@ -159,7 +160,7 @@ def _problem(model: type[BaseModel], error: ErrorDetails) -> str:
         return "expected this key, found none"
     if kind == "value_error":
         return message.removeprefix("Value error, ")
-    found = _shown(error["input"])
+    found = shown(error["input"])
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return f"expected keys and values, found {found}"
     if kind in ("union_tag_invalid", "union_tag_not_found"):
@@ -176,7 +177,8 @@ def _problem(model: type[BaseModel], error: ErrorDetails) -> str:
     return f"expected something else: {message}, found {found}"
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """A value in a message."""
     if value is None:
         return "nothing"
     text = repr(value)

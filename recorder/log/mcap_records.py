@@ -1,4 +1,11 @@
-"""The records of an MCAP file in the order of the file, whole ones only."""
+"""The records of an MCAP file in the order of the file, whole ones only.
+
+mcap's own readers take a file without its end for damaged as a whole, or say no more than that it
+ended; so the framing (opcode, length, CRC) is done here, as the MCAP specification has it, and the
+records' contents are parsed by parts of mcap that it does not document: `mcap.records`,
+`mcap.data_stream`, `mcap.stream_reader.breakup_chunk`. Any release of mcap may change them: the
+version is held in pyproject.toml, and the tests of cut and damaged logs notice.
+"""
 
 from __future__ import annotations
 

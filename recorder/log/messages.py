@@ -127,18 +127,23 @@ def to_poses_in_frame(timestamp_ns: int, frame: str, poses: Iterable[Pose]) -> P
     )
 
 
+def to_transform(timestamp_ns: int, parent: str, child: str, pose: Pose) -> FrameTransform:
+    """`pose` is T_parent_child."""
+    return FrameTransform(
+        timestamp=to_timestamp(timestamp_ns),
+        parent_frame_id=parent,
+        child_frame_id=child,
+        translation=_vector(pose),
+        rotation=_quaternion(pose),
+    )
+
+
 def to_transforms(timestamp_ns: int, marker_map: MarkerMap) -> FrameTransforms:
     """One frame `marker_ID` per marker."""
     return FrameTransforms(
         transforms=[
-            FrameTransform(
-                timestamp=to_timestamp(timestamp_ns),
-                parent_frame_id=marker_map.frame,
-                child_frame_id=f"marker_{marker.id}",
-                translation=_vector(marker.T_map_marker),
-                rotation=_quaternion(marker.T_map_marker),
-            )
-            for marker in marker_map.markers
+            to_transform(timestamp_ns, marker_map.frame, f"marker_{m.id}", m.T_map_marker)
+            for m in marker_map.markers
         ]
     )
 

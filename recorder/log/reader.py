@@ -25,7 +25,7 @@ from pipeline.geometry import Pose
 from pipeline.markers import MarkerMap
 from recorder.errors import InputError
 from recorder.files.truth_file import Truth
-from recorder.log import messages, topics
+from recorder.log import ending, messages, topics
 from recorder.log.derived import Known
 from recorder.log.mcap_records import DamagedError, data_records, summary_records
 
@@ -84,7 +84,8 @@ class LogReader:
 
     Attributes:
         attachments: name and bytes, of those before the first image.
-        metadata: records by name; those behind the images too where the log has its index.
+        metadata: records by name; those behind the images too where the log has its index, else
+            once `records` or `messages` has run to its end.
         start_ns: capture time of the first image, from which the seconds of the log count; None
             for a log without images.
         cut_short: once `records` or `messages` has run to its end: why and where the log ends
@@ -142,6 +143,24 @@ class LogReader:
         """
         return self._known.truth
 
+    @property
+    def ending(self) -> str:
+        """`cut_short`, else what the log says: complete, interrupted, disk_full or `error: ...`.
+
+        Known once `records` or `messages` has run to its end. A copy says how its original ended.
+        """
+        return self.cut_short or self._metadata.get(topics.SESSION_END, {}).get(
+            "ended", ending.COMPLETE
+        )
+
+    @property
+    def shortfall(self) -> str | None:
+        """Why the log, or the one it was copied from, is not whole, for people; None where it is.
+
+        Known when `ending` is.
+        """
+        return ending.shortfall(self.ending)
+
     def image_count(self) -> int | None:
         """How many images there are; None where only a full pass can tell."""
         return self._image_count
@@ -175,6 +194,8 @@ class LogReader:
         for _, channel, message in self.messages():
             topic, time_ns = channel.topic, message.publish_time
             images += topic == topics.IMAGE
+            if time_ns >= 2**63:
+                raise InputError(self.path, f"expected a time before 2262, found {time_ns}", topic)
             if (first_ns is not None and time_ns < first_ns) or (
                 end_ns is not None and time_ns >= end_ns
             ):
@@ -208,6 +229,8 @@ class LogReader:
                     elif isinstance(record, Channel):
                         channels[record.id] = record
                         self._check_schema(record, schemas.get(record.schema_id))
+                    elif isinstance(record, Metadata):
+                        self._metadata[record.name] = record.metadata
                     elif isinstance(record, Message):
                         channel = channels.get(record.channel_id)
                         if channel is None:

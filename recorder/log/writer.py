@@ -13,7 +13,7 @@ from mcap.records import Channel, Message, Schema
 from recorder.errors import InputError
 from recorder.image_header import read_header
 from recorder.interrupts import uninterrupted
-from recorder.log import messages, topics
+from recorder.log import ending, messages, topics
 from recorder.log.derived import DueTruth, Known, static_messages
 from recorder.log.log_file import DiskFullError, RawFile
 from recorder.log.mcap_output import McapOutput
@@ -184,7 +184,7 @@ class LogWriter:
         trace: TracebackType | None,
     ) -> None:
         if error is not None and not self._end:
-            self._end = {"ended": _reason(error)}
+            self._end = {"ended": ending.after(error)}
         self.close()
 
     def close(self) -> None:
@@ -211,7 +211,7 @@ class LogWriter:
             "frames_written": str(self.frames_written),
             "frames_dropped": str(self.frames_dropped),
             "events": str(self._events_written),
-            "ended": "complete",
+            "ended": ending.COMPLETE,
         }
         self._output.finish(topics.SESSION_END, {**end, **self._end})
 
@@ -293,11 +293,3 @@ def _open_raw(path: Path) -> RawFile:
 def _media_type(name: str) -> str:
     suffixes = {".yaml": "application/yaml", ".csv": "text/csv"}
     return suffixes.get(Path(name).suffix, "text/plain")
-
-
-def _reason(error: BaseException) -> str:
-    if isinstance(error, KeyboardInterrupt):
-        return "interrupted"
-    if isinstance(error, DiskFullError):
-        return "disk_full"
-    return f"error: {error}" if str(error) else f"error: {type(error).__name__}"

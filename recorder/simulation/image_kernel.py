@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pipeline.geometry import Array
-from recorder.simulation.quad_kernel import FloatImage, compiled
+from recorder.simulation.compilation import compiled
+from recorder.simulation.quad_kernel import FloatImage
 
 # A plane is drawn up to this inverse depth, 1/m.
 _HORIZON = 1e-3

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeAlias, TypeVar, cast
+from typing import TypeAlias
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from pipeline.geometry import Array
+from recorder.simulation.compilation import compiled
 
-Function = TypeVar("Function", bound=Callable[..., Any])
 FloatImage: TypeAlias = npt.NDArray[np.float32]
 
 # Side of the blocks of pixels that are tested against a quad at once.
@@ -24,14 +22,6 @@ _SQUARE, _ROW_BELOW, _ROW, _PART_RIGHT, _PART = range(5)
 # What a range of cell coordinates holds when it is not one reflectance.
 _NOTHING = -1.0
 _SEVERAL = -2.0
-
-
-def compiled(function: Function) -> Function:
-    """Machine code that runs without the interpreter lock.
-
-    A compiled function calls only those of its own file: the cache notices no other file's change.
-    """
-    return cast(Function, numba.njit(cache=True, nogil=True)(function))
 
 
 @compiled

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from pipeline.camera import Camera
 from pipeline.geometry import Array, Pose
+from recorder.simulation.compilation import is_kept
 from recorder.simulation.image_kernel import digitize, draw_plane, expose
 from recorder.simulation.lens import RayField
 from recorder.simulation.optics import ImageSettings, Lamp, Surface
@@ -189,6 +190,11 @@ class Renderer:
     def _lamp_disc(self, lamp: Lamp) -> Quad:
         centre = Pose(np.eye(3), np.array([*lamp.xy_m, self._lamp_height(lamp)]))
         return disc(centre, lamp.radius_m, lamp.intensity / self.image.brightness)
+
+
+def is_compiled() -> bool:
+    """Whether the first image will not have to wait for the compiler."""
+    return all(is_kept(kernel) for kernel in (draw_quad, draw_plane, expose, digitize))
 
 
 def _plane_frame(T_camera_map: Pose, height_m: float, scale: float) -> Array:

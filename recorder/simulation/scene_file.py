@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 import yaml
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from pipeline.camera import Camera, DistortionModel
 from pipeline.geometry import Pose
@@ -20,7 +20,7 @@ from recorder.errors import InputError
 from recorder.files.camera_file import camera_yaml, parse_camera
 from recorder.files.map_file import parse_map
 from recorder.files.truth_file import parse_truth
-from recorder.files.yaml_file import FileModel, parse_yaml, read_bytes, validate
+from recorder.files.yaml_file import FileModel, parse_yaml, read_bytes, shown, validate
 from recorder.simulation.installation import InstallationErrors
 from recorder.simulation.optics import ImageSettings, Lamp, Occluder, Positive, Print, Surface
 from recorder.simulation.quads import Quad, exact_squares, marker_quads, rectangle
@@ -28,6 +28,21 @@ from recorder.simulation.trajectory import AnyTrajectory
 from recorder.sources.base import SourceEvent
 
 Parsed = TypeVar("Parsed")
+# A path relative to the scene, or the content of such a file.
+Given: TypeAlias = str | dict[str, Any]
+
+
+def _file(name: str, *, optional: bool = False) -> BeforeValidator:
+    """One message for what is neither a path nor a file's content; a union would give several."""
+
+    def check(value: object) -> object:
+        if isinstance(value, str) or (value is None and optional):
+            return value
+        if isinstance(value, dict) and all(isinstance(key, str) for key in value):
+            return value
+        raise ValueError(f"expected a path or the content of a {name}, found {shown(value)}")
+
+    return BeforeValidator(check)
 
 
 class ShortCamera(FileModel):
@@ -94,12 +109,12 @@ class SceneFile(FileModel):
     start: Annotated[
         int | str | datetime, Field(description="capture of the first frame: ns, or a UTC stamp")
     ] = 0
-    camera: str | dict[str, Any]
-    map: str | dict[str, Any]
-    truth: str | dict[str, Any] | None = None
+    camera: Annotated[Given, _file("camera.yaml")]
+    map: Annotated[Given, _file("map.yaml")]
+    truth: Annotated[Given | None, _file("truth.yaml", optional=True)] = None
     errors: InstallationErrors = InstallationErrors()
-    true_camera: str | dict[str, Any] | None = None
-    true_map: str | dict[str, Any] | None = None
+    true_camera: Annotated[Given | None, _file("camera.yaml", optional=True)] = None
+    true_map: Annotated[Given | None, _file("map.yaml", optional=True)] = None
     trajectory: AnyTrajectory
     image: ImageSettings = ImageSettings()
     surface: Surface = Surface()
@@ -240,7 +255,7 @@ def shipped_scenes() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
-def _bytes(given: str | dict[str, Any], scene: Path) -> bytes:
+def _bytes(given: Given, scene: Path) -> bytes:
     """The bytes of the file that is named, or of the content that is given, as a file."""
     if isinstance(given, str):
         return read_bytes(scene.parent / given)
@@ -248,7 +263,7 @@ def _bytes(given: str | dict[str, Any], scene: Path) -> bytes:
     return text.encode()
 
 
-def _camera_bytes(given: str | dict[str, Any], scene: Path, key: str) -> bytes:
+def _camera_bytes(given: Given, scene: Path, key: str) -> bytes:
     if isinstance(given, str) or "image_width" in given or "camera_matrix" in given:
         return _bytes(given, scene)
     try:
@@ -262,7 +277,7 @@ def _camera_bytes(given: str | dict[str, Any], scene: Path, key: str) -> bytes:
 def _parse(
     parse: Callable[[bytes, Path], Parsed],
     data: bytes,
-    given: str | dict[str, Any],
+    given: Given,
     scene: Path,
     key: str,
 ) -> Parsed:

@@ -62,6 +62,11 @@ class SceneSource:
     def frame_count(self) -> int | None:
         return len(self._numbers)
 
+    def preparation(self) -> str | None:
+        from recorder.simulation.renderer import is_compiled
+
+        return None if is_compiled() else "compiling the renderer, which takes a while, once"
+
     @cached_property
     def _numbers(self) -> list[int]:
         """The frames that the camera does not lose."""

@@ -69,6 +69,10 @@ class Source(Protocol):
         """How many frames `frames` will give, where that is known before."""
         ...
 
+    def preparation(self) -> str | None:
+        """What will take long before the first frame, for people; None where nothing does."""
+        ...
+
     def frames(self) -> Iterator[CapturedFrame | SourceEvent]:
         """The frames in the order of capture, and between them what went wrong."""
         ...

@@ -13,25 +13,29 @@ from cv2.typing import MatLike
 
 from recorder.errors import InputError
 from recorder.files.yaml_file import read_bytes
-from recorder.image_header import ImageHeader, read_header
-from recorder.sources.base import CapturedFrame
+from recorder.image_header import read_header
+from recorder.sources.base import CapturedFrame, SourceEvent
 
-PASSED_THROUGH = frozenset({".jpg", ".jpeg", ".png", ".webp"})
+PASSED_THROUGH = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png", ".webp": "webp"}
 ENCODED = frozenset({".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".pnm"})
-IMAGE_SUFFIXES = PASSED_THROUGH | ENCODED
+IMAGE_SUFFIXES = ENCODED.union(PASSED_THROUGH)
+
+# Enough for nearly every header; a JPEG may have a large preview before it.
+_HEAD_BYTES = 64 << 10
 
 
 class ImagesSource:
     """The images of a folder in natural order (2 before 10), or one image.
 
-    JPEG, PNG and WebP keep their bytes; other formats become PNG, losslessly.
+    JPEG, PNG and WebP keep their bytes, also where no header can be read in them; other formats
+    become PNG, losslessly, and one that cannot be decoded is a lost frame.
     """
 
     def __init__(self, path: Path, *, fps: Fraction = Fraction(1), start_ns: int = 0) -> None:
         """Looks at the size of every image.
 
         Raises:
-            InputError: no images, one that cannot be read, or another size than the first one's.
+            InputError: no images, none that can be read, or two of different sizes.
         """
         if path.is_dir():
             found = [p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES]
@@ -45,15 +49,11 @@ class ImagesSource:
         self._path = path
         self._fps = fps
         self._start_ns = start_ns
-        self._image_size = _size(self._files[0])
-        for file in self._files[1:]:
-            size = _size(file)
-            if size != self._image_size:
-                raise InputError(
-                    file,
-                    f"expected the size of {self._files[0].name}, "
-                    f"{self._image_size[0]}x{self._image_size[1]}, found {size[0]}x{size[1]}",
-                )
+        first, self._image_size, unreadable = _common_size(self._files)
+        if first is None:
+            kind = self._files[0].suffix.lower().lstrip(".")
+            raise InputError(self._files[0], f"expected a {kind} image, found something else")
+        self._lost = sum(file.suffix.lower() in ENCODED for file in unreadable)
 
     def describe(self) -> dict[str, str]:
         return {
@@ -73,19 +73,30 @@ class ImagesSource:
         return self._image_size
 
     def frame_count(self) -> int | None:
-        return len(self._files)
+        return len(self._files) - self._lost
 
-    def frames(self) -> Iterator[CapturedFrame]:
+    def preparation(self) -> str | None:
+        return None
+
+    def frames(self) -> Iterator[CapturedFrame | SourceEvent]:
         for i, file in enumerate(self._files):
-            data = read_bytes(file)
-            format = "png"
-            if file.suffix.lower() in PASSED_THROUGH:
-                # The suffix may be wrong; the first bytes are not.
-                format = _header(file, data).format
-            else:
-                data = _as_png(file, data)
             timestamp_ns = self._start_ns + round(i * 10**9 / self._fps)
-            yield CapturedFrame(i, timestamp_ns, timestamp_ns, data, format)
+            if timestamp_ns >= 2**63:
+                raise InputError(
+                    self._path, "expected times before 2262, found later ones (--start, --fps)"
+                )
+            data = read_bytes(file)
+            suffix = file.suffix.lower()
+            if suffix in PASSED_THROUGH:
+                # The suffix may be wrong; the first bytes are not.
+                header = read_header(data)
+                format = header.format if header else PASSED_THROUGH[suffix]
+                yield CapturedFrame(i, timestamp_ns, timestamp_ns, data, format)
+            elif png := _as_png(file, data):
+                yield CapturedFrame(i, timestamp_ns, timestamp_ns, png, "png")
+            else:
+                text = f"frame {i} is lost: {file.name} is not a readable image"
+                yield SourceEvent(timestamp_ns, "warning", text, dropped=1)
 
 
 def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
@@ -94,33 +105,47 @@ def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
     return [(int(p), "") if p.isdecimal() else (-1, p) for p in parts], path.name
 
 
-def _size(path: Path) -> tuple[int, int]:
-    data = read_bytes(path)
+def _common_size(files: list[Path]) -> tuple[Path | None, tuple[int, int], list[Path]]:
+    """The first file with a size, the size of all that have one, and those that have none."""
+    first: Path | None = None
+    common = (0, 0)
+    without = []
+    for file in files:
+        size = _size(file)
+        if size is None:
+            without.append(file)
+        elif first is None:
+            first, common = file, size
+        elif size != common:
+            raise InputError(
+                file,
+                f"expected the size of {first.name}, {common[0]}x{common[1]}, "
+                f"found {size[0]}x{size[1]}",
+            )
+    return first, common, without
+
+
+def _size(path: Path) -> tuple[int, int] | None:
     if path.suffix.lower() in PASSED_THROUGH:
-        header = _header(path, data)
-        return header.width_px, header.height_px
-    height, width = _decoded(path, data).shape[:2]
-    return width, height
+        head = read_bytes(path, _HEAD_BYTES)
+        header = read_header(head)
+        if header is None and len(head) == _HEAD_BYTES:
+            header = read_header(read_bytes(path))
+        return (header.width_px, header.height_px) if header else None
+    image = _decoded(path, read_bytes(path))
+    return (image.shape[1], image.shape[0]) if image is not None else None
 
 
-def _header(path: Path, data: bytes) -> ImageHeader:
-    header = read_header(data)
-    if header is None:
-        raise InputError(path, f"expected a {path.suffix.lstrip('.')} image, found something else")
-    return header
-
-
-def _decoded(path: Path, data: bytes) -> MatLike:
-    buffer = np.frombuffer(data, np.uint8)
-    image = cv2.imdecode(buffer, cv2.IMREAD_UNCHANGED) if len(buffer) else None
-    if image is None:
-        raise InputError(path, f"expected a {path.suffix.lstrip('.')} image, found something else")
+def _decoded(path: Path, data: bytes) -> MatLike | None:
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    except cv2.error:
+        return None
+    if image is not None and image.dtype not in (np.uint8, np.uint16):
+        raise InputError(path, f"expected 8 or 16 bits a pixel, found {image.dtype}")
     return image
 
 
-def _as_png(path: Path, data: bytes) -> bytes:
+def _as_png(path: Path, data: bytes) -> bytes | None:
     image = _decoded(path, data)
-    if image.dtype not in (np.uint8, np.uint16):
-        raise InputError(path, f"expected 8 or 16 bits a pixel, found {image.dtype}")
-    _, encoded = cv2.imencode(".png", image)
-    return encoded.tobytes()
+    return None if image is None else cv2.imencode(".png", image)[1].tobytes()

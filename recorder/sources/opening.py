@@ -105,11 +105,12 @@ def _scene(path: Path, options: SourceOptions) -> Source:
 
 
 def _shipped_scene(path: Path, options: SourceOptions) -> Source:
-    folder = Path(__file__).resolve().parents[1] / "simulation" / "scenes"
-    names = sorted(p.stem for p in folder.glob("*.yaml"))
-    if str(path) in names:
-        return _scene(folder / f"{path}.yaml", options)
-    scenes = f" (scenes that come along: {', '.join(names)})" if names else ""
+    from recorder.simulation.scene_file import shipped_scenes
+
+    shipped = shipped_scenes()
+    if str(path) in shipped:
+        return _scene(shipped[str(path)], options)
+    scenes = f" (scenes that come along: {', '.join(shipped)})" if shipped else ""
     raise InputError(
         path, f"expected a video, a folder of images or a scene.yaml, found nothing there{scenes}"
     )

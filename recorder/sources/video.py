@@ -29,7 +29,8 @@ class VideoSource:
 
     Other codecs are decoded, and encoded as JPEG of quality 95 or as PNG. Capture is the frame's
     time stamp in the file plus the start: the one given, else the container's creation time, else
-    0. A frame that cannot be read leaves a gap in the frame numbers and an event.
+    0. A frame that cannot be read leaves a gap in the frame numbers and an event; what a trimmed
+    file holds and does not show is not part of it.
     """
 
     def __init__(
@@ -49,7 +50,7 @@ class VideoSource:
                 raise InputError(path, "expected a video, found no video stream in it")
             self._codec = stream.codec_context.name
             self._size = (stream.codec_context.width, stream.codec_context.height)
-            self._frame_count = stream.frames or None
+            self._frame_count = _frame_count(container, stream)
             self._rate = stream.average_rate
             created_ns = _creation_time_ns({**stream.metadata, **container.metadata})
         self._start_ns = created_ns if start_ns is None else start_ns
@@ -74,6 +75,9 @@ class VideoSource:
     def frame_count(self) -> int | None:
         return self._frame_count
 
+    def preparation(self) -> str | None:
+        return None
+
     @property
     def _passes_through(self) -> bool:
         return self._codec == "mjpeg"
@@ -97,7 +101,8 @@ class VideoSource:
         self, container: InputContainer, stream: VideoStream
     ) -> Iterator[CapturedFrame | SourceEvent]:
         last_ns = self._start_ns
-        for index, packet in enumerate(_demuxed(container, stream)):
+        packets = (p for p in _demuxed(container, stream) if p is None or not p.is_discard)
+        for index, packet in enumerate(packets):
             if packet is None or packet.is_corrupt or not packet.size:
                 yield _lost(last_ns, index)
                 continue
@@ -108,9 +113,10 @@ class VideoSource:
         self, container: InputContainer, stream: VideoStream
     ) -> Iterator[CapturedFrame | SourceEvent]:
         last_ns = self._start_ns
-        index = packets = 0
+        index = 0
+        # Packets and images do not match one to one: a field may be a packet, and what an edit
+        # list leaves out is decoded for the sake of what follows. So only errors count as losses.
         for packet in _demuxed(container, stream, flush=True):
-            packets += packet is not None and packet.size > 0
             try:
                 pictures = packet.decode() if packet is not None else None
             except av.error.FFmpegError:
@@ -127,9 +133,6 @@ class VideoSource:
                     data = self._encoded(picture)
                     yield CapturedFrame(index, last_ns, last_ns, data, self._encoding)
                 index += 1
-        if packets > index:
-            text = f"{packets - index} packets of the video gave no image"
-            yield SourceEvent(last_ns, "warning", text, dropped=packets - index)
 
     def _capture_ns(self, pts: int | None, time_base: Fraction | None, index: int) -> int:
         if pts is not None and time_base is not None:
@@ -139,9 +142,9 @@ class VideoSource:
         else:
             raise InputError(self._path, "expected time stamps or a frame rate, found neither")
         timestamp_ns = self._start_ns + round(offset_s * 10**9)
-        if timestamp_ns < 0:
+        if not 0 <= timestamp_ns < 2**63:
             raise InputError(
-                self._path, "expected times since 1970, found one before (--start moves them)"
+                self._path, "expected times from 1970 to 2262, found others (--start moves them)"
             )
         return timestamp_ns
 
@@ -164,6 +167,15 @@ class VideoSource:
 
 def _video_stream(container: InputContainer) -> VideoStream | None:
     return container.streams.video[0] if container.streams.video else None
+
+
+def _frame_count(container: InputContainer, stream: VideoStream) -> int | None:
+    """As the container says, without what its edit list leaves out."""
+    if stream.frames and "mp4" in container.format.name.split(","):
+        # Not in every PyAV that will do; without it the number is a little too high.
+        entries = getattr(stream, "index_entries", ())
+        return sum(not entry.is_discard for entry in entries) or stream.frames
+    return stream.frames or None
 
 
 def _demuxed(

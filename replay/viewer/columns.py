@@ -13,6 +13,15 @@ from replay.viewer import style
 
 ToColumns: TypeAlias = Callable[[list[Any]], rr.ComponentColumnList]
 
+# A file lists every chunk, and keeps that list in memory until it is whole: no small chunks.
+_CHUNK_FRAMES = 1024
+
+# Half the height of the flat uncertainty ellipses.
+_THIN_M = 1e-3
+
+_NOWHERE = (float("nan"),) * 3
+_UNTURNED = (0.0, 0.0, 0.0, 1.0)
+
 
 @dataclass
 class _Entity:
@@ -30,9 +39,13 @@ class ColumnBuffer:
         self._entities: dict[str, _Entity] = {}
         self._time_ns = 0
         self._frame_index = 0
+        self._frames = 0
 
     def at(self, time_ns: int, frame_index: int) -> None:
-        """Where the next rows belong; time since the log's first image."""
+        """Where the next rows belong; time since the log's first image. Called once a frame."""
+        if self._frames == _CHUNK_FRAMES:
+            self.flush()
+        self._frames += 1
         self._time_ns, self._frame_index = time_ns, frame_index
 
     def add(self, entity: str, to_columns: ToColumns, row: object) -> None:
@@ -45,6 +58,8 @@ class ColumnBuffer:
         buffer.rows.append(row)
 
     def flush(self) -> None:
+        """Sends what was collected; `at` does so now and then."""
+        self._frames = 0
         for entity, buffer in self._entities.items():
             if not buffer.rows:
                 continue
@@ -72,10 +87,11 @@ def measurements(rows: list[Any]) -> rr.ComponentColumnList:
 
 
 def transforms(rows: list[Any]) -> rr.ComponentColumnList:
-    """Rows: poses."""
+    """Rows: poses, or None where what is placed has no place and is not to be seen."""
+    # A cleared transform is an error to the viewer; one to nowhere hides all below it.
     return rr.Transform3D.columns(
-        translation=[pose.translation for pose in rows],
-        quaternion=[pose.quat_xyzw for pose in rows],
+        translation=[_NOWHERE if pose is None else pose.translation for pose in rows],
+        quaternion=[_UNTURNED if pose is None else pose.quat_xyzw for pose in rows],
     )
 
 
@@ -85,9 +101,12 @@ def points3d(rows: list[Any]) -> rr.ComponentColumnList:
 
 
 def ellipsoids(rows: list[Any]) -> rr.ComponentColumnList:
-    """Rows: one ellipsoid each: centre (3,), half sizes (3,), angle about z."""
-    centres, half_sizes, angles = zip(*rows, strict=True)
-    half = np.array(angles) / 2.0
+    """Rows: one flat ellipse at 3σ each: centre (3,), covariance of x and y (2, 2)."""
+    centres, covariances = zip(*rows, strict=True)
+    values, vectors = np.linalg.eigh(np.array(covariances))
+    half_sizes = np.full((len(rows), 3), _THIN_M)
+    half_sizes[:, :2] = 3.0 * np.sqrt(np.maximum(values, 0.0))
+    half = np.arctan2(vectors[:, 1, 0], vectors[:, 0, 0]) / 2.0
     zero = np.zeros(len(half))
     return rr.Ellipsoids3D.columns(
         centers=centres,

@@ -19,19 +19,26 @@ from replay.viewer.raw import convert
 REPLAY_RRD = "replay.rrd"
 
 
-def view(paths: Sequence[Path], *, spawn: bool = True, save: Path | None = None) -> None:
+def view(
+    paths: Sequence[Path], *, spawn: bool = True, save: Path | None = None, force: bool = False
+) -> None:
     """Shows logs or results of one log, until the viewer is closed.
 
     Args:
         spawn: open the viewer; without it (and without `save`) only the files are made and checked.
         save: write one .rrd file there, and open nothing.
+        force: replace a file `save` that exists, unless it is what `paths` show.
 
     Raises:
         InputError: a path is neither, results are of different logs or have no recording, `save`
             exists or would have to hold several logs, or there is no screen.
     """
     if save is not None and save.exists():
-        raise InputError(save, "already exists; give another name")
+        given = [path / REPLAY_RRD if path.is_dir() else path for path in paths]
+        if any(save.samefile(path) for path in given if path.exists()):
+            raise InputError(save, "expected a file to write, found one to view")
+        if not force:
+            raise InputError(save, "already exists; --force replaces it")
     if save is None and spawn and not has_display():
         raise InputError(
             paths[0], "no screen to show it on; --save FILE.rrd makes a file to open elsewhere"

@@ -10,6 +10,9 @@ from rerun.chunk import RrdReader
 
 from replay.viewer import style
 
+# Images and events wait until they are so many, then they are one chunk; a file lists every chunk.
+_CHUNK_BYTES = 4 << 20
+
 
 class RecordingFile:
     """A stream into PATH.part, renamed to PATH by `close`."""
@@ -17,7 +20,12 @@ class RecordingFile:
     def __init__(self, path: Path, recording_id: str, name: str) -> None:
         self._path = path
         self._part = path.with_name(f"{path.name}.part")
-        self.stream = rr.RecordingStream(style.APPLICATION_ID, recording_id=recording_id)
+        # By size alone: with the clock's help, chunks are small where the work is slow.
+        batches = rr.ChunkBatcherConfig.NEVER()
+        batches.flush_num_bytes = _CHUNK_BYTES
+        self.stream = rr.RecordingStream(
+            style.APPLICATION_ID, recording_id=recording_id, batcher_config=batches
+        )
         self.stream.save(self._part)
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)

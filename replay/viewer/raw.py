@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from array import array
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.geometry import Array
-from recorder.log.reader import ExactPose, LogImage, LogReader
+from recorder.log.reader import LogEvent, LogReader
+from replay.stages import pair
 from replay.viewer import columns, scene, style
+from replay.viewer.events import LogEvents
 from replay.viewer.layout import LOG_ASPECT, eye_on, log_layout
 from replay.viewer.output import RecordingFile
-
-_FLUSH_ROWS = 256
+from replay.viewer.thinning import Thinned
 
 
 def convert(log: Path, rrd: Path) -> None:
@@ -58,25 +58,27 @@ def _write(reader: LogReader, file: RecordingFile) -> None:
 
 
 def _write_records(reader: LogReader, file: RecordingFile) -> Array:
-    """Images, exact poses and events; returns the exact positions (N, 3)."""
+    """Images, exact poses and events; returns some of the exact positions (N, 3)."""
     stream, start_ns = file.stream, reader.start_ns
+    if start_ns is None:
+        start_ns = next((record.timestamp_ns for record in reader.records()), 0)
     buffer = columns.ColumnBuffer(stream)
-    positions = array("d")
-    for record in reader.records():
-        if start_ns is None:
-            start_ns = record.timestamp_ns
-        time_ns = record.timestamp_ns - start_ns
-        if isinstance(record, LogImage):
-            scene.set_time(stream, time_ns, record.frame_index)
-            scene.log_image(stream, record.data, record.format)
-        elif isinstance(record, ExactPose):
-            buffer.at(time_ns, record.frame_index)
-            buffer.add(style.CAMERA, columns.transforms, record.T_map_camera)
-            positions.extend(record.T_map_camera.translation)
-            if len(positions) % (3 * _FLUSH_ROWS) == 0:
-                buffer.flush()
-        else:
-            scene.set_time(stream, time_ns)
-            scene.log_event(stream, style.EVENTS, scene.event_text(record), record.level)
+    events = LogEvents(stream, start_ns)
+    positions = Thinned(3)
+    for record in pair(reader.records()):
+        if isinstance(record, LogEvent):
+            events.add(record)
+            continue
+        image = record.image
+        events.frame(image.timestamp_ns, image.frame_index)
+        time_ns = image.timestamp_ns - start_ns
+        scene.set_time(stream, time_ns, image.frame_index)
+        scene.log_image(stream, image.data, image.format)
+        T_map_camera = record.exact.T_map_camera if record.exact else None
+        buffer.at(time_ns, image.frame_index)
+        buffer.add(style.CAMERA, columns.transforms, T_map_camera)
+        if T_map_camera is not None:
+            positions.add(*T_map_camera.translation.tolist())
+    events.flush()
     buffer.flush()
-    return np.array(positions, dtype=np.float64).reshape(-1, 3)
+    return positions.rows()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -19,27 +18,17 @@ from pipeline.tracker import TrackState
 from recorder.files.truth_file import Truth
 from recorder.log.reader import LogEvent, LogImage
 from replay.accuracy import distance_to_path
-from replay.truth import MeasuredTruth
 from replay.viewer import columns, scene, style
-from replay.viewer.extent import (
-    InnovationLimit,
-    RecentHeight,
-    core,
-    drawn,
-    drawn_in,
-    ellipse,
-    height,
-    rows,
-)
-from replay.viewer.layout import RESULT_ASPECT, ResultLayout, eye_on, results_layout
+from replay.viewer.drive import WholeDrive
+from replay.viewer.events import LogEvents
+from replay.viewer.extent import InnovationLimit
+from replay.viewer.layout import ResultLayout, results_layout
 from replay.viewer.output import RecordingFile
 from replay.viewer.result_style import RAW_FIX, log_styles
 from replay.viewer.status import StatusEvents
 
 # χ² with two degrees of freedom stays below this in 95 % of the cases.
 NIS_BOUND = 5.991
-
-_FLUSH_FRAMES = 64
 
 
 class ReplayRecording:
@@ -57,37 +46,32 @@ class ReplayRecording:
         camera: Camera,
         marker_map: MarkerMap,
         tracker_names: Sequence[str],
-        start_ns: int | None = None,
+        start_ns: int,
         truth: Truth | None = None,
         log_name: str | None = None,
     ) -> None:
         """
         Args:
             log_id: SHA-256 of the log.
-            start_ns: capture stamp of the log's first image, where its seconds count from; None: of
-                the first frame or event that comes.
+            start_ns: capture stamp of the log's first image, where its seconds count from.
             log_name: what the viewer calls the recording.
         """
         self._paths = style.ResultPaths(result_name)
         self._camera, self._map, self._truth = camera, marker_map, truth
         self._start_ns = start_ns
-        self._measured: MeasuredTruth | None = None
         self._status = StatusEvents(result_name)
         self._looks = style.tracker_looks(tracker_names)
         self._plots: set[str] = set()
         self._frames = 0
         self._timed = 0
         self._span: list[tuple[int, int]] = []
-        # x, y, z per tracker, of fixes and of exact poses: 24 bytes a frame and series.
-        self._tracks = {name: array("d") for name in tracker_names}
-        self._fixes = {"ok": array("d"), "rejected": array("d")}
-        self._exact = array("d")
-        self._height = RecentHeight()
+        self._drive = WholeDrive(tracker_names)
         self._limits = {name: InnovationLimit() for name in tracker_names}
         self._max_markers = 0
         self._file = RecordingFile(path, log_id, log_name or "log")
         self._stream = self._file.stream
         self._buffer = columns.ColumnBuffer(self._stream)
+        self._events = LogEvents(self._stream, start_ns)
         scene.log_map(self._stream, marker_map)
 
     def __enter__(self) -> Self:
@@ -104,31 +88,44 @@ class ReplayRecording:
             return
         self.close()
 
-    def log_frame(self, image: LogImage, result: FrameResult, exact: Pose | None = None) -> None:
-        """One replayed frame; `exact` is T_map_camera where the log knows it."""
-        time_ns = self._since_start(image.timestamp_ns)
+    def log_frame(
+        self,
+        image: LogImage,
+        result: FrameResult,
+        exact: Pose | None = None,
+        measured: tuple[float, float] | None = None,
+    ) -> None:
+        """One replayed frame.
+
+        Args:
+            exact: T_map_camera where the log knows it.
+            measured: x, y in map where someone measured them; counts where `exact` is None.
+        """
+        self._events.frame(image.timestamp_ns, image.frame_index)
+        time_ns = image.timestamp_ns - self._start_ns
         scene.set_time(self._stream, time_ns, image.frame_index)
         self._buffer.at(time_ns, image.frame_index)
-        if result.fix.status != "undecodable":
+        if result.fix.status == "undecodable":
+            scene.clear_image(self._stream)
+        else:
             scene.log_image(self._stream, image.data, image.format)
         self._add_detections(result)
         self._add_fix(result)
         for name, track in result.tracks.items():
             self._add_track(name, track)
-        self._add_errors(result, exact)
         if exact is not None:
-            self._exact.extend(exact.translation)
+            self._drive.add_exact(exact.translation)
+            self._add_errors(result, exact.translation[:2])
+        else:
+            self._add_errors(result, None if measured is None else np.array(measured))
         for level, message in self._status.changes(result):
             scene.log_event(self._stream, self._paths.events, message, level)
         self._span = [*self._span[:1], (time_ns, image.frame_index)]
         self._frames += 1
-        if self._frames % _FLUSH_FRAMES == 0:
-            self._buffer.flush()
 
     def log_event(self, event: LogEvent) -> None:
         """One event of the log itself."""
-        scene.set_time(self._stream, self._since_start(event.timestamp_ns))
-        scene.log_event(self._stream, style.EVENTS, scene.event_text(event), event.level)
+        self._events.add(event)
 
     def close(self) -> None:
         """Writes what takes the whole replay to know, and gives the file its name."""
@@ -148,14 +145,10 @@ class ReplayRecording:
                 self._buffer.at(time_ns, frame_index)
                 self._buffer.add(self._paths.plot("nis", "bound"), columns.scalars, NIS_BOUND)
         self._buffer.flush()
+        self._events.flush()
         log_styles(self._stream, self._paths, self._looks, self._plots)
-        fixes = rows(self._fixes["ok"], 3)
-        exact = rows(self._exact, 3)
-        tracks = {name: rows(track, 3) for name, track in self._tracks.items()}
-        corners_m = self._map.corners_m(self._map.ids)
-        driven = exact if len(exact) else core(fixes)
-        eye = eye_on(drawn_in(corners_m, driven), driven, aspect=RESULT_ASPECT)
-        self._log_whole(fixes, exact, tracks, eye.radius_m)
+        eye = self._drive.eye(self._map.corners_m(self._map.ids))
+        self._drive.log(self._stream, self._paths, self._looks, self._truth, eye.radius_m)
         # Small enough not to hide the trajectories behind it.
         distance_m = 0.12 * eye.radius_m
         pinhole = scene.pinhole(self._camera, distance_m, style.CAMERA_COLOUR)
@@ -173,26 +166,6 @@ class ReplayRecording:
         )
         self._stream.log(self._paths.summary, rr.TextDocument(layout.to_json()), static=True)
         self._stream.send_blueprint(results_layout([layout]))
-
-    def _log_whole(
-        self, fixes: Array, exact: Array, tracks: dict[str, Array], radius_m: float
-    ) -> None:
-        """The whole trajectories, there at all times."""
-        for name, points, colour, size in (
-            ("ok", fixes, style.FIX_COLOUR, 2.0),
-            ("rejected", rows(self._fixes["rejected"], 3), style.REJECTED_COLOUR, 2.5),
-        ):
-            if len(points):
-                cloud = rr.Points3D(points, colors=colour, radii=-size)
-                self._stream.log(f"{self._paths.fixes}/{name}", cloud, static=True)
-        for k, (name, track) in enumerate(tracks.items()):
-            line = drawn(track, k, radius_m)
-            look, entity = self._looks[name], f"{self._paths.tracker(name)}/path"
-            scene.log_line(self._stream, entity, line, look.colour, look.path_px)
-        if len(exact):
-            scene.log_line(self._stream, style.TRUTH_EXACT, exact, style.TRUTH_COLOUR)
-        if self._truth is not None:
-            scene.log_truth(self._stream, self._truth, height(fixes, exact))
 
     def _add_detections(self, result: FrameResult) -> None:
         detections, fix = result.detections, result.fix
@@ -224,13 +197,14 @@ class ReplayRecording:
 
     def _add_fix(self, result: FrameResult) -> None:
         pose = result.fix.T_map_camera
-        if pose is None or not pose.is_finite():
-            return
-        if result.fix.status != "ok":
-            self._fixes["rejected"].extend(pose.translation)
-            return
-        self._fixes["ok"].extend(pose.translation)
-        self._height.add(float(pose.translation[2]))
+        if pose is not None and not pose.is_finite():
+            pose = None
+        if pose is not None and result.fix.status != "ok":
+            self._drive.add_rejected(pose.translation)
+            pose = None
+        if pose is not None:
+            self._drive.add_fix(pose.translation)
+        # Without a pose the camera is not to be seen where the last one was.
         self._buffer.add(style.CAMERA, columns.transforms, pose)
         self._buffer.add(self._paths.camera, columns.transforms, pose)
 
@@ -238,12 +212,10 @@ class ReplayRecording:
         xy = track.x[[0, 2]]
         if not np.isfinite(xy).all():
             return
-        xyz = (*xy.tolist(), self._height.value())
-        self._tracks[name].extend(xyz)
+        point = self._drive.add_track(name, xy)
         entity = self._paths.tracker(name)
-        self._buffer.add(f"{entity}/position", columns.points3d, xyz)
-        half_sizes, angle = ellipse(track.P[np.ix_([0, 2], [0, 2])])
-        row = (xyz, half_sizes, angle)
+        self._buffer.add(f"{entity}/position", columns.points3d, point)
+        row = (point, track.P[np.ix_([0, 2], [0, 2])])
         self._buffer.add(f"{entity}/ellipse", columns.ellipsoids, row)
         if not np.isfinite(track.nis):
             return
@@ -254,8 +226,7 @@ class ReplayRecording:
             row_k = (track.innovation_m[k], track.innovation_var_m2[k])
             self._buffer.add(self._paths.innovation(name, axis), columns.measurements, row_k)
 
-    def _add_errors(self, result: FrameResult, exact: Pose | None) -> None:
-        true_xy = self._true_position(result) if exact is None else exact.translation[:2]
+    def _add_errors(self, result: FrameResult, true_xy: Array | None) -> None:
         self._timed += true_xy is not None
         path = self._truth.path if self._truth else None
         found = {name: track.x[[0, 2]] for name, track in result.tracks.items()}
@@ -277,20 +248,6 @@ class ReplayRecording:
         if self._truth is None or self._truth.path is None:
             return columns.scalars([])
         return columns.scalars(distance_to_path(np.array(xy_rows), self._truth.path).tolist())
-
-    def _true_position(self, result: FrameResult) -> Array | None:
-        """The measured x, y (2,), or None where nobody measured."""
-        if self._measured is None:
-            return None
-        row = next(self._measured.at(result.frame_index, result.timestamp_ns), None)
-        return None if row is None else np.array(row.position_m[:2])
-
-    def _since_start(self, timestamp_ns: int) -> int:
-        if self._start_ns is None:
-            self._start_ns = timestamp_ns
-        if self._measured is None:
-            self._measured = MeasuredTruth(self._truth, self._start_ns)
-        return timestamp_ns - self._start_ns
 
     def _plot(self, kind: str, series: str, value: float) -> None:
         self._plots.add(kind)

@@ -13,7 +13,6 @@ from pipeline.camera import Camera
 from pipeline.geometry import Array
 from pipeline.markers import MarkerMap, load_dictionary
 from recorder.files.truth_file import Truth, TruthPath
-from recorder.log.reader import LogEvent
 from replay.viewer import style
 
 # Pixels of a marker's picture per bit; the viewer interpolates between them.
@@ -104,13 +103,14 @@ def log_image(stream: rr.RecordingStream, data: bytes, image_format: str) -> Non
     stream.log(style.IMAGE, rr.EncodedImage(contents=data, media_type=media_type))
 
 
+def clear_image(stream: rr.RecordingStream) -> None:
+    """Shows no image until the next."""
+    stream.log(style.IMAGE, rr.Clear(recursive=False))
+
+
 def log_event(stream: rr.RecordingStream, entity: str, message: str, level: str) -> None:
     level = level.upper()
     stream.log(entity, rr.TextLog(message, level=_LEVELS.get(level, level)))
-
-
-def event_text(event: LogEvent) -> str:
-    return f"{event.name}: {event.message}" if event.name else event.message
 
 
 def log_truth(stream: rr.RecordingStream, truth: Truth, height_m: float) -> None:

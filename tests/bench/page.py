@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import re
 from importlib import metadata
@@ -19,7 +20,7 @@ def report(title: str, text: str) -> None:
     """Replaces the section `title` of the page, and prints it."""
     print(f"\n{text}")
     page = PAGE.read_text() if PAGE.exists() else _HEAD
-    machine = f"{platform.machine()}, {_cores()} cores, Python {platform.python_version()}"
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     versions = f"OpenCV {metadata.version('opencv-contrib-python-headless')}"
     section = f"## {title}\n\n{text.strip()}\n\n({machine}, {versions})\n"
     pattern = rf"## {re.escape(title)}\n.*?(?=\n## |\Z)"
@@ -28,9 +29,3 @@ def report(title: str, text: str) -> None:
     else:
         page = f"{page.rstrip()}\n\n{section}"
     PAGE.write_text(page)
-
-
-def _cores() -> int:
-    import os
-
-    return len(os.sched_getaffinity(0))

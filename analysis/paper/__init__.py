@@ -1,0 +1,1 @@
+"""The paper's experiments in simulation, its tables and findings beside ours."""

@@ -1,0 +1,1 @@
+"""Studies of a camera that stands still: placement, number of markers, variances."""

@@ -1,0 +1,124 @@
+"""How much the fixes of one number of markers scatter, and how well that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+from analysis.static.subsets import SubsetFixes
+from pipeline.geometry import Array
+
+# Fewer fixes than this measure no variance.
+MIN_FIXES = 10
+
+# Sample sizes whose effect is tried, each with so many draws.
+TRIED = (100, 1000, 10_000)
+DRAWS = 200
+
+# From a Gaussian's median absolute deviation to its standard deviation.
+MAD_TO_STD = 1.482602218505602
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredVariance:
+    """The variance of one number of markers, x and y, about the mean over all fixes.
+
+    Attributes:
+        cm2, robust_cm2: (2,); the robust one is (1.4826 MAD)². NaN with too few fixes.
+        low_cm2, high_cm2: (2,) 95 % interval: what other markers would have given.
+        spread: by sample size, (2, 2) the 2.5 and 97.5 % of what samples of that size give,
+            relative to all, for x and y; sizes that are no sample are absent.
+    """
+
+    markers: int
+    subsets: int
+    of: int
+    fixes: int
+    cm2: Array
+    robust_cm2: Array
+    low_cm2: Array
+    high_cm2: Array
+    spread: dict[int, Array]
+
+
+def measure(fixes: SubsetFixes, seed: int = 0) -> MeasuredVariance:
+    """The variance of one size's fixes; needs no truth."""
+    layouts = fixes.layouts
+    known = np.asarray(np.isfinite(fixes.values).all(axis=2))
+    xy = 100.0 * fixes.values[..., :2]
+    n = int(known.sum())
+    nothing = np.full(2, np.nan)
+    if n < MIN_FIXES:
+        few = (nothing,) * 4
+        return MeasuredVariance(layouts.size, len(layouts.members), layouts.of, n, *few, {})
+    flat = xy[known]
+    cm2 = flat.var(axis=0)
+    deviation = np.abs(flat - np.median(flat, axis=0))
+    robust_cm2 = (MAD_TO_STD * np.median(deviation, axis=0)) ** 2
+    low, high = _interval(fixes, xy, known, cm2)
+    return MeasuredVariance(
+        layouts.size,
+        len(layouts.members),
+        layouts.of,
+        n,
+        cm2,
+        robust_cm2,
+        low,
+        high,
+        _spread(flat, cm2, np.random.default_rng([seed, layouts.size])),
+    )
+
+
+def _interval(
+    fixes: SubsetFixes, xy: Array, known: npt.NDArray[np.bool_], cm2: Array
+) -> tuple[Array, Array]:
+    """95 % by the jackknife over markers, on the logarithm.
+
+    The mean over all subsets is a U-statistic: leaving out one marker at a time, with all subsets
+    that it is in, gives its standard error (Arvesen, Ann. Math. Stat. 40:2076, 1969).
+    """
+    members, n_markers = fixes.layouts.members, len(fixes.layouts.ids)
+    centred = np.where(known[..., None], xy - xy[known].mean(axis=0), 0.0)
+    per_subset = np.concatenate(
+        [known.sum(axis=0)[:, None], centred.sum(axis=0), (centred**2).sum(axis=0)], axis=1
+    )
+    without = np.repeat(per_subset.sum(axis=0)[None], n_markers, axis=0)
+    for column in members.T:
+        for i in range(per_subset.shape[1]):
+            without[:, i] -= np.bincount(column, per_subset[:, i], n_markers)
+    enough = without[:, 0] > 1.5
+    if enough.sum() < 3 or not (cm2 > 0).all():
+        return np.full(2, np.nan), np.full(2, np.nan)
+    count = without[enough, :1]
+    left = without[enough, 3:] / count - (without[enough, 1:3] / count) ** 2
+    if not (left > 0).all():
+        return np.full(2, np.nan), np.full(2, np.nan)
+    logs = np.log(left)
+    m = len(logs)
+    error = np.sqrt((m - 1) / m * ((logs - logs.mean(axis=0)) ** 2).sum(axis=0))
+    half = stats.t.ppf(0.975, m - 1) * error
+    return cm2 * np.exp(-half), cm2 * np.exp(half)
+
+
+def _spread(flat: Array, cm2: Array, rng: np.random.Generator) -> dict[int, Array]:
+    found = {}
+    for size in TRIED:
+        if size >= len(flat) or not (cm2 > 0).all():
+            continue
+        drawn = [flat[rng.integers(0, len(flat), size)].var(axis=0) for _ in range(DRAWS)]
+        found[size] = np.quantile(drawn, (0.025, 0.975), axis=0).T / cm2[:, None]
+    return found
+
+
+def usable_rows(measured: Sequence[MeasuredVariance]) -> list[MeasuredVariance]:
+    """The rows from one marker on, up to the first that measures nothing."""
+    rows = []
+    for row in measured:
+        if not ((row.cm2 > 0).all() and (row.robust_cm2 > 0).all()):
+            break
+        rows.append(row)
+    return rows

@@ -1,0 +1,211 @@
+"""Measured variances by number of markers, as a file that settings can point to."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from analysis.static.subsets import (
+    Selection,
+    SubsetOptions,
+    select_frames,
+    solve_sizes,
+)
+from analysis.static.variance_measure import (
+    DRAWS,
+    MIN_FIXES,
+    MeasuredVariance,
+    measure,
+    usable_rows,
+)
+from analysis.static.view import StillView, open_view
+from analysis.study import Study, StudyTable
+from pipeline.geometry import Array
+from recorder.errors import InputError
+from replay.versions import versions
+
+DEFAULTS = SubsetOptions(sample=20_000, n_frames=20)
+
+_AXES = ("x", "y")
+
+
+def variance(folder: Path, output: Path, options: SubsetOptions = DEFAULTS) -> Study:
+    """Measures a result's variances and writes them to the file `output`.
+
+    Raises:
+        InputError: no result, no known marker, the camera moved, or one marker alone has fewer
+            than `MIN_FIXES` fixes or no scatter.
+    """
+    view = open_view(folder)
+    chosen = select_frames(view, options.n_frames)
+    sizes = range(1, min(options.max_markers, len(chosen.ids)) + 1)
+    measured = [measure(f, options.seed) for f in solve_sizes(view, chosen, sizes, options)]
+    rows = usable_rows(measured)
+    if not rows:
+        raise InputError(
+            folder,
+            f"expected at least {MIN_FIXES} different fixes of one marker, found "
+            f"{measured[0].fixes}; a longer log or more --frames gives more",
+        )
+    write_table(output, rows, _source(view, chosen, measured, options))
+    return Study(
+        "variance",
+        "Variances by number of markers",
+        (_table(view, chosen, measured, options, len(rows)), _sample_table(measured)),
+        (),
+        tuple(_findings(measured, output)),
+    )
+
+
+def write_table(path: Path, rows: Sequence[MeasuredVariance], source: dict[str, Any]) -> None:
+    """A table.yaml; an earlier one is replaced."""
+    content = {
+        "cm2": [_plain(row.cm2) for row in rows],
+        "robust_cm2": [_plain(row.robust_cm2) for row in rows],
+        "source": source,
+    }
+    body: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
+    header = (
+        "# Variances of a position fix in cm² (x, y) with one, two, … markers, about their mean.\n"
+        "# In settings.yaml, in a tracker:  variance: {kind: table, path: "
+        f"{path.name}}}\n"
+        "# robust_cm2, from the median absolute deviation:  {kind: table, path: "
+        f"{path.name}, column: robust_cm2}}\n"
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        temporary.write_text(header + body)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _plain(values: Array) -> list[float]:
+    """Six digits: more is not known."""
+    return [float(f"{value:.6g}") for value in values]
+
+
+def _source(
+    view: StillView,
+    chosen: Selection,
+    measured: Sequence[MeasuredVariance],
+    options: SubsetOptions,
+) -> dict[str, Any]:
+    summary = view.result.summary
+    return {
+        "log": str(summary["log"]),
+        "log_sha256": str(summary["log_sha256"]),
+        "height_m": float(f"{view.height_m:.4g}"),
+        "markers": len(chosen.ids),
+        "frames": len(chosen.frames),
+        "solver": options.solver,
+        "seed": options.seed,
+        "subsets": [row.subsets for row in measured],
+        "of": [row.of for row in measured],
+        "fixes": [row.fixes for row in measured],
+        "arucolog": versions()["arucolog"],
+    }
+
+
+def _table(
+    view: StillView,
+    chosen: Selection,
+    measured: Sequence[MeasuredVariance],
+    options: SubsetOptions,
+    written: int,
+) -> StudyTable:
+    import pandas as pd
+
+    rows = []
+    for row in measured:
+        cells: dict[str, Any] = {
+            "markers": row.markers,
+            "subsets": row.subsets,
+            "of": row.of,
+            "fixes": row.fixes,
+        }
+        for i, axis in enumerate(_AXES):
+            cells |= {
+                f"var_{axis}_cm2": row.cm2[i],
+                f"var_{axis}_low_cm2": row.low_cm2[i],
+                f"var_{axis}_high_cm2": row.high_cm2[i],
+                f"robust_{axis}_cm2": row.robust_cm2[i],
+            }
+        rows.append(cells)
+    notes = [
+        chosen.note(view),
+        f"Solver: {options.solver}. About the mean over all fixes; no truth is used, so a common "
+        "error of all fixes is not in here.",
+        "Intervals: 95 %, jackknife over the markers: what other markers in their places would "
+        "have given. Robust: (1.4826 MAD)².",
+        "Subsets of nearly all markers share most of them: the last rows understate how much "
+        "fixes from other markers would scatter."
+        if measured[-1].markers > len(chosen.ids) / 2
+        else "",
+    ]
+    if any(row.subsets < row.of for row in measured):
+        notes.append(
+            f"Where fewer than all subsets are solved they are random, seed {options.seed}."
+        )
+    if written < len(measured):
+        notes.append(
+            f"Not in the file: rows from {written + 1} markers on, with fewer than {MIN_FIXES} "
+            "fixes or without scatter."
+        )
+    return StudyTable(
+        "variance",
+        "Variance of a position fix about the mean, by number of markers",
+        pd.DataFrame(rows),
+        tuple(note for note in notes if note),
+        digits=4,
+    )
+
+
+def _sample_table(measured: Sequence[MeasuredVariance]) -> StudyTable:
+    import pandas as pd
+
+    rows = [
+        {
+            "markers": row.markers,
+            "sample": size,
+            **{
+                f"{axis}_{end}_pct": 100.0 * ends[i, e]
+                for i, axis in enumerate(_AXES)
+                for e, end in enumerate(("low", "high"))
+            },
+        }
+        for row in measured
+        for size, ends in row.spread.items()
+    ]
+    columns = ["markers", "sample", "x_low_pct", "x_high_pct", "y_low_pct", "y_high_pct"]
+    return StudyTable(
+        "variance_sample_size",
+        "What a smaller sample of the fixes gives, in percent of the variance of all",
+        pd.DataFrame(rows, columns=columns),
+        (f"2.5 and 97.5 % of {DRAWS} random samples with replacement.",),
+        digits=0,
+    )
+
+
+def _findings(measured: Sequence[MeasuredVariance], output: Path) -> list[str]:
+    found = []
+    heavy = [
+        f"{row.markers}: {np.sqrt(row.cm2.sum() / row.robust_cm2.sum()):.1f}"
+        for row in measured
+        if np.isfinite(row.cm2).all() and row.robust_cm2.sum() > 0
+    ]
+    if heavy:
+        found.append(
+            "Standard deviation over the robust one, by number of markers (1: a Gaussian; more: "
+            f"outliers): {', '.join(heavy)}."
+        )
+    found.append(
+        f"Written to {output}; use it with variance: {{kind: table, path: {output.name}}}."
+    )
+    return found

@@ -1,0 +1,1 @@
+"""Drives: how well each tracker follows, and whether its covariance says so."""

@@ -1,0 +1,120 @@
+"""The report: one page that needs nothing else, checked in a real browser where there is one."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from analysis.report.build import report
+from analysis.report.page import page
+from analysis.study import Study, StudyTable
+from recorder.errors import InputError
+from replay.result import open_result
+from replay.run import ReplayOptions, replay
+from replay.settings_file import load_settings
+from tests import worlds
+from tests.make_sample import LOG, SETTINGS
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+
+# What the page says of itself once it is drawn, for `--dump-dom` to print.
+PROBE = """
+<script>
+addEventListener("error", e => document.body.dataset.error = e.message || "resource", true);
+addEventListener("load", () => {
+  const images = [...document.images];
+  const drawn = images.filter(i => i.complete && i.naturalWidth > 100 && i.clientWidth > 100);
+  Object.assign(document.body.dataset, {
+    images: images.length, drawn: drawn.length,
+    wide: document.documentElement.scrollWidth, window: innerWidth,
+    small: getComputedStyle(document.body).fontSize,
+  });
+});
+</script></head>
+"""
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of a drive and of a camera that stands still."""
+    folder = tmp_path_factory.mktemp("report")
+    options = ReplayOptions(settings=load_settings(SETTINGS), rrd=False, progress=False)
+    replay(LOG, folder / "drive", "drive", options)
+    still = worlds.small_log(folder / "still.mcap", 4, moving=False)
+    replay(still, folder / "still", "still", ReplayOptions(rrd=False, progress=False))
+    report([folder / "drive", folder / "still"], folder / "report.html", sample=50)
+    return folder / "report.html"
+
+
+def test_the_page_has_every_study_and_nothing_from_elsewhere(built: Path) -> None:
+    text = built.read_text()
+    for title in ("Comparison: sample.mcap", "Placement", "Number of markers", "Tracking"):
+        assert title in text
+    assert not re.findall(r"(?:src|href)=\"(?!data:|#)[^\"]*\"", text)
+    assert "@import" not in text
+    assert "url(" not in text
+    for name in ("opencv-contrib-python-headless", "max_markers"):
+        assert name in text
+
+
+def test_every_table_lies_beside_it_as_csv_and_latex(built: Path) -> None:
+    files = built.with_name("report_files")
+    tables = sorted(files.rglob("*.csv"))
+    assert len(tables) >= 6
+    for path in tables:
+        assert len(pd.read_csv(path))
+        tex = path.with_suffix(".tex").read_text()
+        assert tex.count("\\begin{tabular}") == 1
+        assert "\\toprule" in tex
+    assert len(list(files.rglob("*.svg"))) >= 6
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
+@pytest.mark.parametrize("width", [1280, 500])
+def test_a_browser_draws_it_without_errors(width: int, built: Path, tmp_path: Path) -> None:
+    probed = tmp_path / "probed.html"
+    probed.write_text(built.read_text().replace("</head>", PROBE, 1))
+    assert CHROMIUM is not None
+    done = subprocess.run(
+        [
+            *(CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"),
+            *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+            *("--disable-quic", "--enable-logging=stderr", f"--user-data-dir={tmp_path / 'user'}"),
+            *(f"--window-size={width},900", "--virtual-time-budget=10000", "--dump-dom"),
+            probed.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    body = re.search(r"<body([^>]*)>", done.stdout)
+    assert body is not None, done.stderr[-2000:]
+    data = dict(re.findall(r'data-(\w+)="([^"]*)"', body.group(1)))
+    assert "error" not in data, data
+    assert "CONSOLE" not in done.stderr
+    assert int(data["images"]) >= 6
+    assert data["drawn"] == data["images"]
+    # Wide tables scroll in their own frame; the page itself does not.
+    assert int(data["wide"]) <= int(data["window"])
+    assert float(data["small"].removesuffix("px")) >= 15
+
+
+def test_cells_are_escaped_and_empty_statistics_are_a_dash(built: Path) -> None:
+    frame = pd.DataFrame({"name": ["<script>alert(1)</script>"], "rmse_cm": [float("nan")]})
+    study = Study("s", "A & B", (StudyTable("t", "T", frame),))
+    text = page("x", [study], [open_result(built.parent / "still")])
+    assert "<script>" not in text
+    assert "A &amp; B" in text
+    assert "<td>–</td>" in text
+    assert "nan" not in text.split("<main>")[1].split('id="results"')[0]
+
+
+def test_a_folder_that_is_no_result(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no summary\.json"):
+        report([tmp_path], tmp_path / "report.html")
+    assert not list(tmp_path.iterdir())
