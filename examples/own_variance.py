@@ -3,7 +3,7 @@
 A pose that tilts by an angle to fit the corners moves by about the distance to the markers times
 that angle, along the axis that it tilts to: the tilt of a level camera is a measure of the error.
 
-python examples/own_variance.py LOG RESULT settings.yaml
+    python examples/own_variance.py LOG RESULT settings.yaml
 """
 
 from __future__ import annotations
@@ -45,4 +45,6 @@ def main(log: Path, result: Path, settings_path: Path) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 4:
+        sys.exit(__doc__)
     main(*(Path(argument) for argument in sys.argv[1:4]))

@@ -56,7 +56,7 @@ def test_every_readme_command_runs(site: Path) -> None:
     assert two is not None
     (site / "two.yaml").write_text(two.group(1))
     commands = readme_commands()
-    assert len(commands) >= 6
+    assert len(commands) >= 12
     for command in commands:
         _, *arguments = shlex.split(command)
         if arguments[0] == "view":

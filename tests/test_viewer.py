@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from rerun.chunk import Chunk, RrdReader
+from rerun.chunk import RrdReader
 
 from pipeline.detection import Detections
 from pipeline.geometry import Pose
@@ -24,6 +23,7 @@ from replay.viewer.overlay import ResultRecording, overlay
 from replay.viewer.recording import ReplayRecording
 from replay.viewer.status import StatusEvents
 from tests import worlds
+from tests.rrd_files import chunks, entities, rows, static
 
 LOG_ID = "5e" * 32
 N_FRAMES = 12
@@ -79,36 +79,6 @@ def record(path: Path, name: str, *, exact: bool = True, seed: int = 0) -> list[
 def replayed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[FrameResult]]:
     path = tmp_path_factory.mktemp("viewer") / "replay.rrd"
     return path, record(path, "paper")
-
-
-def chunks(path: Path, entity: str) -> list[Chunk]:
-    return RrdReader(path).stream().filter(content=entity).to_chunks()
-
-
-def entities(path: Path) -> set[str]:
-    return {chunk.entity_path for chunk in RrdReader(path).stream()}
-
-
-def rows(path: Path, entity: str, component: str) -> dict[int, Any]:
-    """A component's values by frame."""
-    found: dict[int, Any] = {}
-    for chunk in chunks(path, entity):
-        batch = chunk.to_record_batch()
-        if chunk.is_static or component not in batch.schema.names:
-            continue
-        frames: list[Any] = batch.column(style.FRAME).to_pylist()
-        found.update(zip(frames, batch.column(component).to_pylist(), strict=True))
-    return found
-
-
-def static(path: Path, entity: str, component: str) -> Any:
-    """A static component; the last one logged counts."""
-    found: Any = []
-    for chunk in chunks(path, entity):
-        batch = chunk.to_record_batch()
-        if chunk.is_static and component in batch.schema.names:
-            found = batch.column(component).to_pylist()[0]
-    return found
 
 
 def test_one_recording_with_a_layout_and_ids_that_merge(
@@ -223,6 +193,7 @@ def test_nothing_is_left_of_a_replay_that_failed(tmp_path: Path) -> None:
             camera=lens,
             marker_map=marker_map,
             tracker_names=("adaptive",),
+            start_ns=0,
         ),
     ):
         raise KeyboardInterrupt
@@ -279,8 +250,24 @@ def test_saves_an_overlay(result_folders: tuple[Path, Path, Path], tmp_path: Pat
     found = entities(tmp_path / "both.rrd")
     assert {style.ResultPaths(n).plot("nis", "max") for n in ("one", "two")} <= found
     assert [p.name for p in tmp_path.iterdir()] == ["both.rrd"]
-    with pytest.raises(InputError, match="already exists"):
-        view([one], save=tmp_path / "both.rrd")
+
+
+def test_replaces_a_file_only_by_force(
+    result_folders: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    log, one, _ = result_folders
+    save = tmp_path / "one.rrd"
+    save.write_bytes(b"other")
+    with pytest.raises(InputError, match="--force"):
+        view([one], save=save)
+    assert save.read_bytes() == b"other"
+    view([one], save=save, force=True)
+    assert save.read_bytes() == (one / "replay.rrd").read_bytes()
+    before = log.read_bytes()
+    for paths, own in (([log], log), ([one], one / "replay.rrd")):
+        with pytest.raises(InputError, match="one to view"):
+            view(paths, save=own, force=True)
+    assert log.read_bytes() == before
 
 
 def test_a_log_beside_its_results_adds_nothing(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import time
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import cv2
 import pytest
@@ -71,17 +74,30 @@ def test_a_broken_image_is_a_complaint(tmp_path: Path) -> None:
     assert screenshot(tmp_path / "broken.rrd", tmp_path / "picture.png") != []
 
 
-def _viewers() -> set[str]:
-    """Process ids of headless viewers, where the system lists processes as files."""
-    found = set()
-    for path in Path("/proc").glob("[0-9]*/cmdline"):
+def _session_lives(session: int) -> bool:
+    """Whether a process of a session runs, where the system lists processes as files."""
+    for path in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
-            if b"--headless" in path.read_bytes():
-                found.add(path.parent.name)
-    return found
+            state, _, _, its_session = path.read_text().rpartition(")")[2].split()[:4]
+            if int(its_session) == session and state not in "ZX":
+                return True
+    return False
 
 
-def test_no_viewer_stays_behind(recordings: dict[str, Path], tmp_path: Path) -> None:
-    before = _viewers()
+def test_no_viewer_stays_behind(
+    recordings: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+
+    class Popen(subprocess.Popen[bytes]):
+        def __init__(self, *args: Any, **more: Any) -> None:
+            super().__init__(*args, **more)
+            started.append(self)
+
+    monkeypatch.setattr(subprocess, "Popen", Popen)
     screenshot(recordings["log"], tmp_path / "picture.png")
-    assert not _viewers() - before
+    (viewer,) = started
+    deadline = time.monotonic() + 5.0
+    while _session_lives(viewer.pid) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not _session_lives(viewer.pid)

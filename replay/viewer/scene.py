@@ -105,7 +105,8 @@ def log_image(stream: rr.RecordingStream, data: bytes, image_format: str) -> Non
 
 def clear_image(stream: rr.RecordingStream) -> None:
     """Shows no image until the next."""
-    stream.log(style.IMAGE, rr.Clear(recursive=False))
+    # The viewer goes on showing the last image after a Clear.
+    stream.log(style.IMAGE, rr.EncodedImage.cleared())
 
 
 def log_event(stream: rr.RecordingStream, entity: str, message: str, level: str) -> None:
