@@ -47,9 +47,11 @@ def compare(folders: Sequence[Path]) -> pd.DataFrame:
 
 def _unique_names(results: Sequence[Result]) -> list[str]:
     names = [result.name for result in results]
-    if len(set(names)) == len(names):
-        return names
-    return [str(result.folder) for result in results]
+    if len(set(names)) < len(names):
+        names = [str(result.folder) for result in results]
+    if len(set(names)) < len(names):
+        raise InputError(results[0].folder, "expected each result once, found it again")
+    return names
 
 
 def _figures(result: Result, tracker: str) -> dict[str, Any]:
@@ -98,12 +100,17 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _differing(rows: Sequence[dict[str, Any]]) -> dict[str, list[str]]:
-    """Settings with more than one value over the rows that have them; `-` where one has none."""
+    """Settings with more than one value over the rows that have them; `-` where one has none or null."""
     keys = list(dict.fromkeys(key for row in rows for key in row))
-    columns = {key: [str(row[key]) if key in row else "-" for row in rows] for key in keys}
-    return {
-        key: values for key, values in columns.items() if len({v for v in values if v != "-"}) > 1
+    columns = {
+        key: ["-" if row.get(key) is None else str(row[key]) for row in rows] for key in keys
     }
+    differing = {}
+    for key, values in columns.items():
+        asked = {value for value, row in zip(values, rows, strict=True) if key in row}
+        if len(asked) > 1:
+            differing[key] = values
+    return differing
 
 
 def as_text(table: pd.DataFrame) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
 
@@ -70,7 +71,7 @@ def demo(output: Path) -> None:
 
     click.echo("3. The five variance models side by side\n")
     click.echo(as_text(compare([result])))
-    click.echo(f"\nLook at it: arucolog view {result}\n{result / 'replay.rrd'}")
+    click.echo(f"\nLook at it: {_short(Path(sys.argv[0]))} view {result}\n{result / 'replay.rrd'}")
 
 
 def _short(path: Path) -> Path:

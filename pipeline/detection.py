@@ -70,10 +70,26 @@ class ArucoDetection(Settings):
             except TypeError as error:
                 expected = type(getattr(defaults, name)).__name__
                 raise ValueError(f"expected {expected} for {name}, found {value!r}") from error
+        _try_out(defaults)
         return dict(sorted(parameters.items()))
 
     def build(self, marker_map: MarkerMap) -> ArucoDetector:
         return ArucoDetector(self, marker_map)
+
+
+def _try_out(parameters: cv2.aruco.DetectorParameters) -> None:
+    """Detects one drawn marker: OpenCV checks its parameters only where it uses them.
+
+    Raises:
+        ValueError: OpenCV refuses them.
+    """
+    dictionary = load_dictionary("DICT_4X4_50")
+    image = np.full((120, 120), 255, np.uint8)
+    image[30:90, 30:90] = cv2.aruco.generateImageMarker(dictionary, 7, 60)
+    try:
+        cv2.aruco.ArucoDetector(dictionary, parameters).detectMarkers(image)
+    except cv2.error as error:
+        raise ValueError(f"expected what OpenCV accepts, found: {error.err}") from error
 
 
 class ArucoDetector:

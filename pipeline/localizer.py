@@ -39,6 +39,8 @@ class PipelineSettings(Settings):
     def _not_empty(cls, trackers: dict[str, ConstantVelocity]) -> dict[str, ConstantVelocity]:
         if not trackers:
             raise ValueError("expected at least one tracker, found none")
+        if "fixes" in trackers:
+            raise ValueError("expected another name: `fixes` are the poses no filter has touched")
         return trackers
 
 

@@ -111,6 +111,11 @@ def _statistics(values: Array) -> Report:
     }
 
 
+def measured_rows(folder: Path) -> int:
+    """How many frames have a measured pose."""
+    return len(_truth(folder).get("measured", ()))
+
+
 def _fixes(folder: Path) -> Array:
     """(N, 4) frame_index, x_m, y_m, yaw_rad of the `ok` fixes."""
     columns = ["frame_index", "x_m", "y_m", "yaw_rad"]

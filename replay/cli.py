@@ -25,7 +25,13 @@ Example:
 )
 @click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=_FILE)
 @click.option("--settings", "settings_path", type=_FILE, help="A settings.yaml [the paper's].")
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change one setting.")
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change one setting; may be repeated.",
+)
 @click.option("--truth", type=_FILE, help="Truth (YAML, TUM or CSV) in place of the log's.")
 @click.option("--camera", type=_FILE, help="Calibration in place of the log's.")
 @click.option("--map", "map_path", type=_FILE, help="Marker map in place of the log's.")
@@ -38,7 +44,7 @@ Example:
     type=click.Path(path_type=Path, file_okay=False),
     help="Result folder; DIR/LOGSTEM for several logs [LOG.results/NAME].",
 )
-@click.option("--name", help="Name of the result [settings' stem and digest].")
+@click.option("--name", help="Name of the result [DIR's, or settings' stem and digest].")
 @click.option("--force", is_flag=True, help="Replace a result that exists.")
 @click.option("--jobs", type=click.IntRange(min=1), help="Threads [one per core].")
 @click.option("--json", "as_json", is_flag=True, help="Print the summaries as JSON.")
@@ -65,9 +71,10 @@ def replay(
     """
     import json
 
+    from recorder.errors import InputError
     from replay.inputs import Overrides
     from replay.naming import result_folders, result_name
-    from replay.report import summary_text
+    from replay.report import summary_text, warnings
     from replay.result import check_free
     from replay.run import ReplayOptions
     from replay.run import replay as replay_log
@@ -84,18 +91,22 @@ def replay(
         force=force,
         jobs=jobs,
     )
-    name = name or result_name(settings_path, options)
+    if name is None:
+        only = output if output is not None and len(logs) == 1 else None
+        name = only.resolve().name if only else result_name(settings_path, options)
     summaries = []
     pairs = result_folders(logs, output, name)
-    for _, folder in pairs:
+    for log, folder in pairs:
+        if not log.exists():
+            raise InputError(log, "expected an MCAP log, found no file")
         check_free(folder, force=force)
     for log, folder in pairs:
         summary = replay_log(log, folder, name, options)
         summaries.append({"folder": str(folder), **summary})
         if not as_json:
             click.echo(summary_text(folder, summary))
-        if summary["log_cut_short"]:
-            click.echo(f"Warning: {log}: {summary['log_cut_short']}", err=True)
+        for warning in warnings(summary):
+            click.echo(f"Warning: {log}: {warning}", err=True)
     if as_json:
         click.echo(json.dumps(summaries, indent=2))
 

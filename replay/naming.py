@@ -32,12 +32,15 @@ def result_folders(logs: Sequence[Path], output: Path | None, name: str) -> list
     """Each log with its result folder.
 
     Raises:
-        InputError: two logs would share a folder.
+        InputError: the name is a path, or two logs would share a folder.
     """
+    if name in (".", "..") or Path(name).name != name:
+        raise InputError(f"--name {name}", "expected a plain name, without a path")
     if output is None:
         pairs = [(log, log.with_suffix(".results") / name) for log in logs]
     elif len(logs) == 1:
-        pairs = [(logs[0], output)]
+        # Whatever `..` is in it, the result has a name of its own.
+        pairs = [(logs[0], output.resolve() if output.name in ("", "..") else output)]
     else:
         pairs = [(log, output / log.stem) for log in logs]
     taken: dict[Path, Path] = {}

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from replay.accuracy import FIXES
+
 
 def summary_text(folder: Path, summary: dict[str, Any]) -> str:
     """Some lines: frames by status, speed, errors of the fixes and each tracker, where it lies."""
@@ -16,9 +18,52 @@ def summary_text(folder: Path, summary: dict[str, Any]) -> str:
     if summary["fallback"]:
         lines.append(f"  in {summary['fallback']} frames RANSAC failed: the plain solver was used")
     for kind, estimates in summary["errors"].items():
-        lines += _table(kind, estimates)
+        if any(error["n"] for error in estimates.values()):
+            lines += _table(kind, estimates)
     lines.append(f"  {folder}")
     return "\n".join(lines)
+
+
+# What most often is behind a status that no frame escapes.
+_HINTS = {
+    "no_markers": "are the map's dictionary and `inverted` right?",
+    "unknown_ids": "are these the markers of the map, of its dictionary?",
+    "behind_markers": "does `facing` in the map fit (down on a ceiling), are corners in order?",
+    "reprojection": "are the markers' places, sizes and the calibration right?",
+    "undecodable": "are the images of the calibration's size?",
+}
+# A filter this much worse than the fixes that it smooths does not follow its robot.
+_LAGS = 1.5
+
+
+def warnings(summary: dict[str, Any]) -> list[str]:
+    """What a person should know before trusting the numbers, one line each."""
+    found = []
+    if summary["log_cut_short"]:
+        found.append(str(summary["log_cut_short"]))
+    if not summary["status"].get("ok"):
+        status, _ = _by_count(summary["status"])[0]
+        hint = _HINTS.get(status)
+        found.append(f"no frame has a pose, most are {status}" + (f": {hint}" if hint else ""))
+    if summary["truth_without_frames"]:
+        found.append(
+            "the truth says nothing about any frame: are its times those of the log "
+            f"({summary['start_ns'] / 1e9:.3f} s to {summary['end_ns'] / 1e9:.3f} s)?"
+        )
+    timed = summary["errors"].get("exact") or summary["errors"].get("measured") or {}
+    fixes = timed.get(FIXES)
+    if fixes and fixes["n"]:
+        lagging = [
+            name
+            for name, error in timed.items()
+            if error["n"] and error["position_m"]["rmse"] > _LAGS * fixes["position_m"]["rmse"]
+        ]
+        if lagging:
+            found.append(
+                f"further from the truth than the fixes they smooth: {', '.join(lagging)}; "
+                "raise accel_std for a robot that brakes and turns faster than it says"
+            )
+    return found
 
 
 def _by_count(status: dict[str, int]) -> list[tuple[str, int]]:

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 
 import pyarrow.parquet as pq
@@ -46,10 +47,11 @@ def new_result(folder: Path, *, force: bool = False) -> Iterator[Path]:
         InputError: as `check_free`.
     """
     check_free(folder, force=force)
-    temporary = folder.with_name(f".{folder.name}.part")
-    shutil.rmtree(temporary, ignore_errors=True)
     made = [p for p in (folder.parent, *folder.parent.parents) if not p.exists()]
-    temporary.mkdir(parents=True)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    # Of its own for each process: two replays to one place must not write into each other.
+    temporary = Path(mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
+    temporary.chmod(0o755)
     try:
         yield temporary
     except BaseException:
@@ -61,6 +63,9 @@ def new_result(folder: Path, *, force: bool = False) -> Iterator[Path]:
     if not folder.exists():
         temporary.rename(folder)
         return
+    if not force:
+        shutil.rmtree(temporary)
+        raise InputError(folder, "was made by another replay meanwhile; --name gives another")
     # At no moment is there neither the old result nor the new one.
     old = folder.with_name(f".{folder.name}.old")
     shutil.rmtree(old, ignore_errors=True)

@@ -22,7 +22,7 @@ from pipeline.variance import UnknownVariance
 from recorder.errors import InputError
 from recorder.log.reader import LogEvent, LogImage, LogReader
 from recorder.session import git_state
-from replay.accuracy import errors
+from replay.accuracy import errors, measured_rows
 from replay.inputs import Inputs, Overrides, gather
 from replay.result import SUMMARY, new_result
 from replay.settings_file import settings_yaml
@@ -87,7 +87,10 @@ def replay(log: Path, out: Path, name: str, options: ReplayOptions) -> dict[str,
             "from_s": options.from_s,
             "to_s": options.to_s,
             "frames": tally.frames,
+            "start_ns": tally.start_ns,
+            "end_ns": tally.end_ns,
             "duration_s": tally.duration_s,
+            "truth_without_frames": _says_nothing(inputs, folder),
             "status": dict(sorted(tally.status.items())),
             "fallback": tally.fallback,
             "wall_s": round(wall_s, 3),
@@ -105,19 +108,19 @@ class _Tally:
         self.frames = 0
         self.fallback = 0
         self.status: Counter[str] = Counter()
-        self._first_ns = self._last_ns = 0
+        self.start_ns = self.end_ns = 0
 
     def add(self, result: FrameResult) -> None:
         if not self.frames:
-            self._first_ns = result.timestamp_ns
-        self._last_ns = result.timestamp_ns
+            self.start_ns = result.timestamp_ns
+        self.end_ns = result.timestamp_ns
         self.frames += 1
         self.fallback += result.fix.fallback
         self.status[result.fix.status] += 1
 
     @property
     def duration_s(self) -> float:
-        return (self._last_ns - self._first_ns) * 1e-9
+        return (self.end_ns - self.start_ns) * 1e-9
 
 
 def _run(
@@ -196,6 +199,14 @@ def _write(
     for row in rows:
         tables.add_truth(row)
     return rows[0].position_m[:2] if rows else None
+
+
+def _says_nothing(inputs: Inputs, folder: Path) -> bool:
+    """There is a timed truth, and not one frame that it speaks of."""
+    truth = inputs.truth
+    if truth is None or not (truth.poses or truth.trajectory):
+        return False
+    return not measured_rows(folder)
 
 
 def _check_models(settings: PipelineSettings) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from analysis.compare import as_text, compare
 from recorder.errors import InputError
+from replay.inputs import Overrides
 from replay.run import ReplayOptions, replay
 from replay.settings_file import load_settings
 from tests import worlds
@@ -40,7 +41,7 @@ def test_two_results_show_the_setting_that_differs(results: list[Path]) -> None:
     table = compare(results)
     by_result = table.groupby("result", sort=False)["pose.max_markers"].unique()
     assert {name: list(values) for name, values in by_result.items()} == {
-        "all": ["None"],
+        "all": ["-"],
         "two": ["2"],
     }
     text = as_text(table)
@@ -54,6 +55,23 @@ def test_results_of_different_logs_are_not_compared(results: list[Path], tmp_pat
     replay(other, tmp_path / "other", "other", ReplayOptions(rrd=False, progress=False))
     with pytest.raises(InputError, match=r"a result of a\.mcap"):
         compare([results[0], tmp_path / "other"])
+
+
+def test_one_result_twice_is_no_comparison(results: list[Path]) -> None:
+    with pytest.raises(InputError, match="each result once"):
+        compare([results[0], results[0]])
+
+
+def test_another_map_is_a_difference(results: list[Path], tmp_path: Path) -> None:
+    text = (results[0] / "map.yaml").read_text()
+    (tmp_path / "other.yaml").write_text(text.replace("2.5]", "2.6]"))
+    options = ReplayOptions(
+        rrd=False, progress=False, overrides=Overrides(map=tmp_path / "other.yaml")
+    )
+    replay(results[0].parent / "a.mcap", tmp_path / "other", "other", options)
+    table = compare([results[0], tmp_path / "other"])
+    assert table["map.yaml"].nunique() == 2
+    assert "camera.yaml" not in table
 
 
 def test_a_folder_that_is_no_result(results: list[Path], tmp_path: Path) -> None:

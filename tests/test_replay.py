@@ -14,6 +14,7 @@ from pipeline.localizer import Frame, Localizer, PipelineSettings
 from recorder.errors import InputError
 from recorder.log.reader import LogImage, LogReader
 from replay.inputs import Overrides
+from replay.report import summary_text, warnings
 from replay.result import new_result, open_result
 from replay.run import ReplayOptions, replay
 from replay.stages import decode
@@ -233,6 +234,41 @@ def test_a_result_that_exists_is_kept_unless_forced(log: Path, tmp_path: Path) -
     assert open_result(out).summary["frames"] == 3
     replay(log, out, "result", options(to_s=0.4, force=True))
     assert open_result(out).summary["frames"] == 4
+
+
+def test_two_replays_to_one_place_do_not_write_into_each_other(tmp_path: Path) -> None:
+    """The first to end has the name; the other may not replace it unasked."""
+
+    def both() -> None:
+        with new_result(tmp_path / "r") as one:
+            (one / "mine").write_text("slow")
+            with new_result(tmp_path / "r") as two:
+                assert not (two / "mine").exists()
+                (two / "mine").write_text("quick")
+
+    with pytest.raises(InputError, match="another replay"):
+        both()
+    assert (tmp_path / "r/mine").read_text() == "quick"
+    assert [path.name for path in tmp_path.iterdir()] == ["r"]
+
+
+def test_a_truth_of_another_time_is_said(log: Path, tmp_path: Path) -> None:
+    late = tmp_path / "late.yaml"
+    late.write_text("frame: map\nposes: [{from_s: 100, to_s: 110, x_m: 0, y_m: 0, std_m: 0.01}]\n")
+    summary = replay(log, tmp_path / "r", "r", options(overrides=Overrides(truth=late)))
+    assert summary["truth_without_frames"]
+    assert any("says nothing" in line for line in warnings(summary))
+
+
+def test_no_pose_in_any_frame_comes_with_a_hint(log: Path, tmp_path: Path) -> None:
+    with LogReader(log) as reader:
+        text = reader.attachments["map.yaml"].decode()
+    upside_down = tmp_path / "map.yaml"
+    upside_down.write_text(text.replace("DICT_6X6_1000", "DICT_5X5_1000"))
+    summary = replay(log, tmp_path / "r", "r", options(overrides=Overrides(map=upside_down)))
+    assert summary["status"].get("ok") is None
+    assert any("dictionary" in line for line in warnings(summary))
+    assert "nan" not in summary_text(tmp_path / "r", summary)
 
 
 def test_a_folder_that_is_no_result_is_never_replaced(tmp_path: Path) -> None:

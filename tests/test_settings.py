@@ -70,6 +70,8 @@ def test_resolved_settings_are_read_back_the_same(tmp_path: Path) -> None:
         ("pose: {max_markers: 0}", ["pose.max_markers", "0"]),
         ("detector: {corner_refinement: best}", ["detector.corner_refinement", "contour", "best"]),
         ("trackers: {}", ["trackers", "at least one"]),
+        ("trackers: {fixes: {accel_std: 1}}", ["trackers", "another name"]),
+        ("detector: {parameters: {perspectiveRemovePixelPerCell: 0}}", ["parameters", "OpenCV"]),
         ("trackers: {a: {variance: {kind: guess}}}", ["trackers.a.variance", "static", "guess"]),
         ("detector: {parameters: {adaptiveThreshWin: 3}}", ["parameters", "adaptiveThreshWin"]),
         ("- a list", ["list"]),
