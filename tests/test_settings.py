@@ -96,6 +96,11 @@ def test_a_mistake_is_one_line_with_file_key_and_what_was_found(
         ("pose.max_marker=3", ["max_marker"]),
         ("poses.max_markers=3", ["detector, pose, trackers"]),
         ("trackers.adaptive.accel_std=fast", ["accel_std", "fast"]),
+        (
+            "trackers.adaptive.variance.statistic=min",
+            ["variance.statistic: ", "known here: kind, table"],
+        ),
+        ("trackers.min.variance.table.cm=1", ["variance.table.cm: ", "did you mean cm2"]),
     ],
 )
 def test_a_mistake_in_set_names_the_override(override: str, parts: list[str]) -> None:

@@ -16,6 +16,7 @@ from pipeline.localizer import FrameResult, Localizer, PipelineSettings
 from recorder.errors import InputError
 from recorder.files.truth_file import Truth, TruthPath
 from recorder.log.reader import LogEvent, LogImage, LogReader
+from replay.run import ReplayOptions, replay
 from replay.viewer import scene, style
 from replay.viewer.layout import ResultLayout, eye_on
 from replay.viewer.open import prepare, view
@@ -386,3 +387,13 @@ def test_layout_survives_json() -> None:
     eye = eye_on(np.eye(3), aspect=1.0)
     layout = ResultLayout("a/b", ("min",), ("error", "nis"), {"min": 0.5}, 7, eye)
     assert ResultLayout.from_json(layout.to_json()) == layout
+
+
+def test_a_damaged_recording_in_an_overlay_is_one_line(tmp_path: Path) -> None:
+    log = worlds.small_log(tmp_path / "a.mcap", 3)
+    for name in ("one", "two"):
+        replay(log, tmp_path / name, name, ReplayOptions(progress=False))
+    (tmp_path / "two/replay.rrd").write_bytes(b"not a recording")
+    with pytest.raises(InputError, match="expected a Rerun recording"):
+        view([tmp_path / "one", tmp_path / "two"], save=tmp_path / "both.rrd")
+    assert not (tmp_path / "both.rrd").exists()

@@ -137,7 +137,14 @@ def _where(error: ErrorDetails, data: Any) -> str | None:
     text = ""
     value = data
     last = len(error["loc"]) - 1
+    tagged = False
     for i, part in enumerate(error["loc"]):
+        # The tag of a union may also be the name of a field: it comes first.
+        if isinstance(value, dict) and value.get("kind") == part and not tagged:
+            tagged = i < last
+            if tagged:
+                continue
+        tagged = False
         if isinstance(part, int):
             text += f"[{part}]"
             value = value[part] if isinstance(value, list | tuple) and part < len(value) else None
@@ -189,12 +196,14 @@ def _known_keys(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[str]
     """The keys of the model (or models of a union) that holds the last part of `loc`."""
     models = [model]
     for part in loc[:-1]:
+        tagged = [m for m in models if part in _tags(m)]
+        if len(models) > 1 and tagged:
+            models = tagged
+            continue
         annotations = [m.model_fields[part].annotation for m in models if part in m.model_fields]
         if annotations:
             models = [found for annotation in annotations for found in _models_in(annotation)]
-        else:  # the tag of a union
-            models = [m for m in models if part in _tags(m)] or models
-    return [name for m in models for name in m.model_fields]
+    return list(dict.fromkeys(name for m in models for name in m.model_fields))
 
 
 def _models_in(annotation: Any) -> list[type[BaseModel]]:

@@ -102,7 +102,12 @@ def _layout(result: ResultRecording) -> ResultLayout:
         InputError: it says nothing.
     """
     summary = style.ResultPaths(result.name).summary
-    for chunk in RrdReader(result.rrd).store().stream().filter(content=summary):
-        column = chunk.to_record_batch().column("TextDocument:text")
-        return replace(ResultLayout.from_json(column[0].as_py()[0]), name=result.shown_as)
+    try:
+        for chunk in RrdReader(result.rrd).store().stream().filter(content=summary):
+            column = chunk.to_record_batch().column("TextDocument:text")
+            return replace(ResultLayout.from_json(column[0].as_py()[0]), name=result.shown_as)
+    except (RuntimeError, ValueError) as error:
+        raise InputError(
+            result.rrd, f"expected a Rerun recording, found: {error}; replay the log again"
+        ) from error
     raise InputError(result.rrd, f"expected {summary}, found none; replay the log again")
