@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -79,7 +80,8 @@ def latex(table: StudyTable) -> str:
     styler = table.frame.style.hide(axis="index")
     styler = styler.format(precision=table.digits, na_rep="--", escape="latex")
     styler = styler.format_index(escape="latex", axis="columns")
-    text: str = styler.to_latex(hrules=True, caption=table.title, label=f"tab:{table.name}")
+    caption = re.sub(r"([%&_#$])", r"\\\1", table.title)
+    text: str = styler.to_latex(hrules=True, caption=caption, label=f"tab:{table.name}")
     return text
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
@@ -15,11 +16,13 @@ from analysis.static.alone import solve_each
 from analysis.static.groups import group
 from analysis.static.placement import PlacementOptions, placement
 from analysis.static.statistics import Bootstrap
-from analysis.static.view import open_view
-from analysis.study import Study, as_json, text, write_study
+from analysis.static.view import MovedError, open_view
+from analysis.study import Study, StudyTable, as_json, latex, text, write_study
 from pipeline.detection import Detections
 from pipeline.geometry import Pose
 from recorder.errors import InputError
+from replay.run import ReplayOptions, replay
+from tests import worlds
 from tests.still_results import PLACE, noisy_frames, ring_map, shifted, still_result
 
 FAST = PlacementOptions(Bootstrap(resamples=100))
@@ -196,3 +199,30 @@ def test_on_the_command_line(known: Path, tmp_path: Path) -> None:
         run = CliRunner().invoke(analyze(), [verb, "--help"])
         assert run.exit_code == 0
         assert "Example:" in run.stdout
+
+
+def _replayed(folder: Path, *, moving: bool = True) -> Path:
+    log = worlds.small_log(folder / "a.mcap", 12, exact=False, moving=moving)
+    replay(log, folder / "r", "r", ReplayOptions(rrd=False, progress=False))
+    return folder / "r"
+
+
+def test_a_drive_with_one_measured_stand_is_no_still_camera(tmp_path: Path) -> None:
+    """The truth stands still; the camera does not."""
+    with pytest.raises(MovedError, match="stands still"):
+        open_view(_replayed(tmp_path))
+
+
+def test_a_truth_of_other_frames_is_no_truth(tmp_path: Path) -> None:
+    folder = _replayed(tmp_path, moving=False)
+    truth = pd.read_parquet(folder / "truth.parquet")
+    truth["frame_index"] += 1000
+    truth.to_parquet(folder / "truth.parquet")
+    view = open_view(folder)
+    assert view.truth_kind is None
+    assert placement([folder]).tables
+
+
+def test_captions_are_latex() -> None:
+    frame = pd.DataFrame({"q95_cm": [1.0]})
+    assert r"\caption{The 95 \% \& more}" in latex(StudyTable("t", "The 95 % & more", frame))

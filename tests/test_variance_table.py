@@ -156,7 +156,7 @@ def test_too_few_fixes_are_named_and_not_written(tmp_path: Path) -> None:
 def test_nothing_to_measure_writes_nothing(tmp_path: Path) -> None:
     frame = noisy_frames(MAP, 1)[0].select([0])
     folder = still_result(tmp_path / "one", MAP, [frame])
-    with pytest.raises(InputError, match="at least 10"):
+    with pytest.raises(InputError, match="at least 5 markers"):
         variance(folder, tmp_path / "table.yaml", OPTIONS)
     assert not (tmp_path / "table.yaml").exists()
 

@@ -19,6 +19,8 @@ SIDES = ("top", "left", "bottom", "right")
 LIMITS: tuple[int | None, ...] = (1, 3, 5, None)
 # Half the width of the paper's grey band around its hand-measured path.
 BAND_M = 0.05
+# A track jumps to its first fixes; that is not what its smoothness is about.
+SETTLED_S = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +103,8 @@ def figures(drive: Drive, tracker: str, side: int | None = None) -> TrackFigures
     error = track[chosen] - drive.exact_m[chosen]
     distance = distance_to_path(track[chosen], drive.path)
     dt = float(drive.time_s[1] - drive.time_s[0])
-    acceleration = np.diff(track[chosen], n=2, axis=0) / dt**2
+    settled = track[chosen & (drive.time_s >= SETTLED_S)]
+    acceleration = np.diff(settled, n=2, axis=0) / dt**2
     nis = drive.nis[tracker][chosen]
     return TrackFigures(
         float(np.sqrt((error**2).sum(axis=1).mean())),

@@ -96,9 +96,11 @@ def fitted_table(stands: list[Stand]) -> VarianceTable:
 
 
 def trackers(fitted: VarianceTable) -> dict[str, ConstantVelocity]:
-    """The paper's five filters, and the same five with our table."""
+    """The paper's five filters; the same five with our table, and R as it was measured."""
     return PAPER_TRACKERS | {
-        FITTED + name: settings.model_copy(update={"variance": _with_table(settings, fitted)})
+        FITTED + name: settings.model_copy(
+            update={"variance": _with_table(settings, fitted), "r_scale": 1.0}
+        )
         for name, settings in PAPER_TRACKERS.items()
     }
 

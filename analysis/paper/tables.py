@@ -183,7 +183,9 @@ def tracking(runs: Experiments, speed_mps: float) -> StudyTable:
         pd.DataFrame(rows),
         (
             f"Means over {len(drives)} seeds. At most 1, 3, 5 and all markers on the top, left, "
-            "bottom and right side. `fitted`: the same models with our variances. A consistent "
-            "filter has a mean NIS of 2.",
+            "bottom and right side. `fitted`: the same models with our variances and R = σ² (the "
+            "paper's filters have R = σ²/4). Distances are to the exact path. A consistent filter "
+            "has a mean NIS of 2. Accelerations are from 2 s after the start on: before, a track "
+            "jumps to its first fixes.",
         ),
     )

@@ -11,10 +11,9 @@ from analysis.report.page import page
 from analysis.static.count import count
 from analysis.static.placement import placement
 from analysis.static.subsets import SubsetOptions
-from analysis.static.view import open_view
+from analysis.static.view import MovedError, open_view
 from analysis.study import Study, StudyTable, write_study
 from analysis.tracking.study import study_tracking
-from recorder.errors import InputError
 from replay.result import Result, open_result
 
 
@@ -73,8 +72,7 @@ def report(
 def _stands_still(result: Result) -> bool:
     try:
         open_view(result.folder)
-    except InputError:
-        # It moved, or shows too little to tell: the study of drives says what it lacks.
+    except MovedError:
         return False
     return True
 

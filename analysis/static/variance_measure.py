@@ -15,6 +15,9 @@ from pipeline.geometry import Array
 # Fewer fixes than this measure no variance.
 MIN_FIXES = 10
 
+# Fewer different layouts than this say nothing of how layouts differ.
+MIN_SUBSETS = 5
+
 # Sample sizes whose effect is tried, each with so many draws.
 TRIED = (100, 1000, 10_000)
 DRAWS = 200
@@ -115,9 +118,15 @@ def _spread(flat: Array, cm2: Array, rng: np.random.Generator) -> dict[int, Arra
 
 
 def usable_rows(measured: Sequence[MeasuredVariance]) -> list[MeasuredVariance]:
-    """The rows from one marker on, up to the first that measures nothing."""
+    """The rows from one marker on, up to the first that measures nothing but its frames' noise.
+
+    All markers together are one layout: what it scatters by from frame to frame says nothing of
+    how layouts differ, and a filter would trust it a hundredfold.
+    """
     rows = []
     for row in measured:
+        if row.subsets < MIN_SUBSETS or not np.isfinite(row.high_cm2).all():
+            break
         if not ((row.cm2 > 0).all() and (row.robust_cm2 > 0).all()):
             break
         rows.append(row)

@@ -19,6 +19,7 @@ from analysis.static.subsets import (
 from analysis.static.variance_measure import (
     DRAWS,
     MIN_FIXES,
+    MIN_SUBSETS,
     MeasuredVariance,
     measure,
     usable_rows,
@@ -39,7 +40,7 @@ def variance(folder: Path, output: Path, options: SubsetOptions = DEFAULTS) -> S
 
     Raises:
         InputError: no result, no known marker, the camera moved, or one marker alone has fewer
-            than `MIN_FIXES` fixes or no scatter.
+            than `MIN_FIXES` fixes, no scatter, or fewer than `MIN_SUBSETS` markers are in view.
     """
     view = open_view(folder)
     chosen = select_frames(view, options.n_frames)
@@ -49,8 +50,9 @@ def variance(folder: Path, output: Path, options: SubsetOptions = DEFAULTS) -> S
     if not rows:
         raise InputError(
             folder,
-            f"expected at least {MIN_FIXES} different fixes of one marker, found "
-            f"{measured[0].fixes}; a longer log or more --frames gives more",
+            f"expected at least {MIN_SUBSETS} markers in view with {MIN_FIXES} different fixes of "
+            f"one marker, found {measured[0].subsets} with {measured[0].fixes}; a longer log or more "
+            "--frames gives more fixes",
         )
     write_table(output, rows, _source(view, chosen, measured, options))
     return Study(
@@ -155,8 +157,8 @@ def _table(
         )
     if written < len(measured):
         notes.append(
-            f"Not in the file: rows from {written + 1} markers on, with fewer than {MIN_FIXES} "
-            "fixes or without scatter."
+            f"Not in the file: rows from {written + 1} markers on: fewer than {MIN_FIXES} fixes, "
+            f"fewer than {MIN_SUBSETS} different subsets, no interval or no scatter."
         )
     return StudyTable(
         "variance",

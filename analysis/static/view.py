@@ -32,6 +32,10 @@ MAX_MOTION_M = 0.05
 _STEADY_MARKERS = 4
 
 
+class MovedError(InputError):
+    """The camera did not stand still."""
+
+
 @dataclass(frozen=True, eq=False)
 class StillFrame:
     """One frame's known markers, each seen once.
@@ -102,7 +106,9 @@ class StillView:
     def truth_note(self) -> str:
         if self.truth_kind is None:
             return "no truth: only the spread about the mean is given"
-        return f"errors against the {self.truth_kind} truth of each frame"
+        known = sum(frame.has_truth for frame in self.frames)
+        whose = "each frame" if known == len(self.frames) else f"{known} of the frames"
+        return f"errors against the {self.truth_kind} truth of {whose}"
 
 
 def open_view(folder: Path) -> StillView:
@@ -120,7 +126,10 @@ def open_view(folder: Path) -> StillView:
     if not frames:
         raise InputError(folder, "expected detections of markers of the map, found none")
     poses = result.table("poses")
-    _check_still(result, truth, poses)
+    _check_still(result, frames, poses)
+    if not any(frame.has_truth for frame in frames):
+        # A truth of other frames says nothing about these.
+        truth = kind = None
     return StillView(result, camera, marker_map, frames, kind, _height_m(marker_map, truth, poses))
 
 
@@ -174,10 +183,10 @@ def _by_frame(truth: pd.DataFrame) -> dict[int, Array]:
     return dict(zip(truth["frame_index"].astype(int).tolist(), values, strict=True))
 
 
-def _check_still(result: Result, truth: pd.DataFrame | None, poses: pd.DataFrame) -> None:
-    if truth is not None:
-        places = truth[["x_m", "y_m"]].to_numpy().astype(np.float64)
-        motion_m = float(np.ptp(places, axis=0).max())
+def _check_still(result: Result, frames: tuple[StillFrame, ...], poses: pd.DataFrame) -> None:
+    """By the truth where every frame has one; one stand measured on a drive says nothing."""
+    if all(frame.has_truth for frame in frames):
+        motion_m = float(np.ptp([frame.truth[:2] for frame in frames], axis=0).max())
     else:
         steady = poses[(poses["status"] == "ok") & (poses["n_used"] >= _STEADY_MARKERS)]
         places = steady[["x_m", "y_m"]].to_numpy().astype(np.float64)
@@ -186,7 +195,7 @@ def _check_still(result: Result, truth: pd.DataFrame | None, poses: pd.DataFrame
         # Without truth a pose may be far off by itself: the middle nine tenths decide.
         motion_m = float(np.ptp(np.quantile(places, (0.05, 0.95), axis=0), axis=0).max())
     if motion_m > MAX_MOTION_M:
-        raise InputError(
+        raise MovedError(
             result.folder,
             f"expected a camera that stands still, found one that moved {motion_m:.2f} m; "
             "replay a part of the log with --from and --to",
