@@ -66,9 +66,10 @@ def test_noisy_corners_err_like_the_detector() -> None:
 
 def test_track_figures_by_hand() -> None:
     """A track 3 cm beside a straight drive, with one kink."""
-    time_s = np.arange(60) * 0.1
+    time_s = np.linspace(0.0, 5.9, 60)
     exact: Array = np.column_stack([0.1 * time_s, np.zeros(60)])
-    track = np.add(exact, np.array([0.0, 0.03]))
+    track: Array = exact.copy()
+    track[:, 1] += 0.03
     track[40, 1] += 0.01
     corners = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [0.0, 2.0]])
     nis = np.full(60, 2.0)

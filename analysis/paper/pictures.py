@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from analysis.paper.configuration_one import CountErrors
-from analysis.paper.configuration_two import BAND_M, SIDES, Drive
+from analysis.paper.configuration_two import BAND_M, SETTLED_S, SIDES, Drive
 from analysis.paper.experiments import Experiments
 from analysis.paper.findings import of_class
 from analysis.paper.references import CLASSES
@@ -86,6 +86,8 @@ def counts(runs: Experiments) -> StudyFigure:
                 label=label,
             )
         axis.set(title=title, xlabel="markers", ylabel="cm", yscale="log", xticks=numbers)
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter("{x:g}")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return StudyFigure(
         "count",
@@ -98,6 +100,8 @@ def counts(runs: Experiments) -> StudyFigure:
 
 def trajectories(drive: Drive, side: int | None = None) -> StudyFigure:
     """The five filters over the fixes and the measured path, whole or around one side."""
+    from matplotlib.patheffects import Normal, Stroke
+
     names = [name for name in drive.tracks_m if " " not in name]
     figure = new_figure((WIDE[0], 6.0 if side is None else 4.0))
     axis = figure.add_subplot()
@@ -108,13 +112,18 @@ def trajectories(drive: Drive, side: int | None = None) -> StudyFigure:
     shown = np.ones(len(drive.side), bool) if side is None else drive.side == side
     axis.plot(*drive.fixes_m[shown].T, ".", color="black", markersize=2.0, label="fixes", zorder=2)
     for i, (name, colour) in enumerate(tracker_colours(names).items()):
-        axis.plot(
-            *drive.tracks_m[name][shown].T, color=colour, linewidth=1.6, label=name, zorder=9 - i
+        (line,) = axis.plot(
+            *drive.tracks_m[name][shown].T, color=colour, linewidth=1.5, label=name, zorder=9 - i
         )
+        # Pale colours need an edge on white.
+        line.set_path_effects([Stroke(linewidth=2.2, foreground="#505050"), Normal()])
     low, high = drive.path.points_m.min(axis=0), drive.path.points_m.max(axis=0)
     if side is not None:
-        low, high = (f(drive.exact_m[shown], axis=0) for f in (np.min, np.max))
-    margin = 0.35
+        # All that the filters make of it, from when they have settled.
+        settled = shown & (drive.time_s >= SETTLED_S)
+        tracks = np.concatenate([drive.tracks_m[name][settled] for name in names])
+        low, high = tracks.min(axis=0), tracks.max(axis=0)
+    margin = 0.35 if side is None else 0.05
     axis.set(
         xlim=(low[0] - margin, high[0] + margin),
         ylim=(low[1] - margin, high[1] + margin),
@@ -128,7 +137,7 @@ def trajectories(drive: Drive, side: int | None = None) -> StudyFigure:
         "trajectories" if side is None else f"trajectories_{SIDES[side]}",
         f"The filters at 0.05 m/s: {where}",
         figure,
-        "The first seed. Grey: the path with its ±5 cm; fixes beyond the frame are not shown.",
+        "The first seed. Grey lines: the path and its ±5 cm; fixes beyond the frame are not shown.",
     )
 
 

@@ -93,6 +93,11 @@ def placement(folders: Sequence[Path], options: PlacementOptions | None = None) 
         tables.append(share)
         findings += placement_findings.ring_findings(share.frame, options.large_cm)
         studied = [(view, found) for view in known if (found := pairs.solve_pairs(view.view))]
+        without = [view.label for view in known if view not in [s for s, _ in studied]]
+        if without:
+            findings.append(
+                f"No study of pairs at {', '.join(without)}: fewer than {pairs.MIN_PAIRS} pairs."
+            )
         if studied:
             tables.append(pairs.table([(view.height, found) for view, found in studied]))
         for view, found in studied:
@@ -171,7 +176,8 @@ def _row(view: Alone, number: int, options: PlacementOptions) -> dict[str, Any]:
         "height_m": view.height,
         "group": row_group.name,
         "markers": len(row_group.ids),
-        "fixes": int(np.isfinite(view.fixes.values[:, view.fixes.columns(row_group.ids), 0]).sum()),
+        # Those that the statistics are of: with a truth, where it is known.
+        "fixes": int(np.isfinite(errors[..., 0]).sum()),
         "rejected": int(view.fixes.rejected[:, view.fixes.columns(row_group.ids)].sum()),
     }
     for axis, column, unit, _ in AXES:
@@ -213,8 +219,9 @@ def _interval_notes(views: Sequence[Alone], bootstrap: Bootstrap) -> tuple[str, 
 
 
 def _without_interval(whole: pd.DataFrame, statistic: str) -> tuple[str, ...]:
-    """A sentence that names what is empty, and why."""
+    """Sentences that name what is empty, and why."""
     column = whole[f"{statistic}_x_cm"]
+    no_yaw = whole[column.notna() & whole[f"{statistic}_yaw_deg"].isna()]
     bare = whole[column.notna() & whole[f"{statistic}_x_low_cm"].isna()]
     empty = whole[column.isna()]
     notes: tuple[str, ...] = ()
@@ -226,6 +233,9 @@ def _without_interval(whole: pd.DataFrame, statistic: str) -> tuple[str, ...]:
             f"{row.group} at a height of {row.height_m}" for row in empty.itertuples()
         )
         notes += (f"Empty for want of fixes or of a truth: {names}.",)
+    if len(no_yaw):
+        heights = ", ".join(dict.fromkeys(no_yaw["height_m"]))
+        notes += (f"Yaw is empty where the truth has no heading: height {heights}.",)
     return notes
 
 
