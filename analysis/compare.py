@@ -100,7 +100,7 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _differing(rows: Sequence[dict[str, Any]]) -> dict[str, list[str]]:
-    """Settings with more than one value over the rows that have them; `-` where one has none or null."""
+    """Settings that differ between the rows that have them; `-` where one has none or null."""
     keys = list(dict.fromkeys(key for row in rows for key in row))
     columns = {
         key: ["-" if row.get(key) is None else str(row[key]) for row in rows] for key in keys

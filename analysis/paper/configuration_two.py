@@ -1,4 +1,4 @@
-"""Configuration II: a drive around a rectangle with at most 1, 3, 5 and all markers on its sides."""
+"""Configuration II: a drive around a rectangle, at most 1, 3, 5 and all markers on its sides."""
 
 from __future__ import annotations
 

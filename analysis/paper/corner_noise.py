@@ -1,8 +1,8 @@
 """How far the detector's corners are from the true ones, measured on rendered frames.
 
-A marker's four corners err together (an edge that is moved takes two of them along), and CONTOUR moves
-all edges inwards. So the error of a marker is one vector of eight numbers in a frame that turns with
-the marker, with a mean and a covariance of its own for each class of rotation.
+A marker's four corners err together (an edge that is moved takes two of them along), and CONTOUR
+moves all edges inwards. So the error of a marker is one vector of eight numbers in a frame that
+turns with the marker, with a mean and a covariance of its own for each class of rotation.
 """
 
 from __future__ import annotations

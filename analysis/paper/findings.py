@@ -113,9 +113,9 @@ def placement_findings(runs: Experiments) -> list[Finding]:
             "Outer markers beat inner ones",
             "the share of markers with an error above 20 cm is smaller on the outer ring",
             tuple(o < i for o, i in zip(outer, inner, strict=True)),
-            f"{np.mean(outer):.1%} of the outer and {np.mean(inner):.1%} of the inner markers err by "
-            f"more than 20 cm (paper: 31.25 % and 50 %); median RMSE {_cm(ring_rmse['outer'])} and "
-            f"{_cm(ring_rmse['inner'])}.",
+            f"{np.mean(outer):.1%} of the outer and {np.mean(inner):.1%} of the inner markers err "
+            f"by more than 20 cm (paper: 31.25 % and 50 %); median RMSE {_cm(ring_rmse['outer'])} "
+            f"and {_cm(ring_rmse['inner'])}.",
             "A marker near the image's centre is seen frontally, where tilt and shift look alike. "
             "But the rings differ in rotation too: all 22.5° markers, whose corners scatter least, "
             f"are on the outer one. {within}",
@@ -135,9 +135,9 @@ def placement_findings(runs: Experiments) -> list[Finding]:
             + ", ".join(
                 f"{noise[tag]:.2f} px ({tag[3:]}°)" for tag in ("rot90", "rot45", "rot22.5")
             )
-            + ": an edge along the pixel rows crosses them all at the same place, so its error does "
-            "not average out along the edge. The paper suspects that its 90° markers were also "
-            "installed more precisely; here all are installed alike.",
+            + ": an edge along the pixel rows crosses them all at the same place, so its error "
+            "does not average out along the edge. The paper suspects that its 90° markers were "
+            "also installed more precisely; here all are installed alike.",
         ),
         Finding(
             "Two markers are best far apart and far from the centre",
@@ -148,8 +148,9 @@ def placement_findings(runs: Experiments) -> list[Finding]:
                 apart < 0 and off < 0 and far
                 for (apart, off), far in zip(correlation, best, strict=True)
             ),
-            f"mean rank correlation {np.mean([c[0] for c in correlation]):+.2f} with the separation, "
-            f"{np.mean([c[1] for c in correlation]):+.2f} with the distance from the centre.",
+            f"mean rank correlation {np.mean([c[0] for c in correlation]):+.2f} with the "
+            f"separation, {np.mean([c[1] for c in correlation]):+.2f} with the distance from "
+            "the centre.",
         ),
     ]
 
@@ -222,8 +223,9 @@ def count_findings(runs: Experiments) -> list[Finding]:
             f"median largest error {maxima}; the largest drop is at "
             + ", ".join(f"{n} markers in {knee.count(n)} seeds" for n in sorted(set(knee)))
             + f". The batch solver's largest errors are {_series(numbers, largest_batch)}.",
-            "The batch minimises the same cost over the same corners from another start and without "
-            "RANSAC: what it does not show comes from the paper's solver, not from the layouts.",
+            "The batch minimises the same cost over the same corners from another start and "
+            "without RANSAC: what it does not show comes from the paper's solver, not from the "
+            "layouts.",
         ),
         Finding(
             "Little gain after five markers",
@@ -254,7 +256,8 @@ def count_findings(runs: Experiments) -> list[Finding]:
         ),
         Finding(
             "Heading errors are small throughout",
-            "the RMSE of the heading is below 2° with one marker and below 0.25° with three or more",
+            "the RMSE of the heading is below 2° with one marker and below 0.25° with three or "
+            "more",
             tuple(bool(y[0] < 2.0 and (y[three:] < 0.25).all()) for y in yaw_deg),
             f"median {np.median(yaw_deg[:, 0]):.2f}° with one, "
             f"{np.median(yaw_deg[:, three]):.2f}° with three, "

@@ -16,15 +16,15 @@ from analysis.study import StudyTable
 _HEAD = """\
 # The paper, reproduced
 
-Written by `make paper`. S. Hinderer, M. Scheffler, B. Yang, *Investigation of ArUco Marker Placement
-for Planar Indoor Localization*, ICAR 2025, in simulation: configuration I at both heights and
-configuration II, with the paper's camera (1920x1080, f = 1360.2 px), detector (CONTOUR corners),
-solver and filters.
+Written by `make paper`. S. Hinderer, M. Scheffler, B. Yang, *Investigation of ArUco Marker
+Placement for Planar Indoor Localization*, ICAR 2025, in simulation: configuration I at both heights
+and configuration II, with the paper's camera (1920x1080, f = 1360.2 px), detector (CONTOUR
+corners), solver and filters.
 
 What the paper could not know of its site is fixed here before the run: markers are placed with a
-standard deviation of {position:g} mm and {yaw:g}°; the focal length is off by {focal:g} %, up or down, and
-the principal point by {principal:g} px in a direction of chance. {seeds} seeds draw these; each finding is
-asked of each seed. The camera's pose is exact.
+standard deviation of {position:g} mm and {yaw:g}°; the focal length is off by {focal:g} %, up or
+down, and the principal point by {principal:g} px in a direction of chance. {seeds} seeds draw
+these; each finding is asked of each seed. The camera's pose is exact.
 
 Every run has exact corners of the true site with the noise of rendered frames, measured on
 {frames} renderings of each configuration: a mean and a covariance of a marker's four corners

@@ -93,8 +93,8 @@ def counts(runs: Experiments) -> StudyFigure:
         "count",
         "By number of markers at 2.991 m",
         figure,
-        "Subsets of one to seven of the 24 markers (the paper's solver: a random sample of those of "
-        "six and seven); a thin line for each seed, the median thick.",
+        "Subsets of one to seven of the 24 markers (the paper's solver: a random sample of those "
+        "of six and seven); a thin line for each seed, the median thick.",
     )
 
 

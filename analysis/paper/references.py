@@ -1,7 +1,7 @@
 """The paper's numbers.
 
-Source: S. Hinderer, M. Scheffler, B. Yang, "Investigation of ArUco Marker Placement for Planar Indoor
-Localization", ICAR 2025, doi 10.1109/ICAR65334.2025.11338671.
+Source: S. Hinderer, M. Scheffler, B. Yang, "Investigation of ArUco Marker Placement for Planar
+Indoor Localization", ICAR 2025, doi 10.1109/ICAR65334.2025.11338671.
 """
 
 from __future__ import annotations

@@ -178,8 +178,8 @@ def _findings(results: Sequence[CountResult], has_truth: bool) -> list[str]:
     at = knee(markers, largest)
     if at is not None:
         falls = (
-            f"the largest position {what} falls most from {at.markers - 1} to {at.markers} markers, "
-            f"from {at.before:.2f} to {at.after:.2f} cm ({at.factor:.1f} times)"
+            f"the largest position {what} falls most from {at.markers - 1} to {at.markers} "
+            f"markers, from {at.before:.2f} to {at.after:.2f} cm ({at.factor:.1f} times)"
         )
         found.append(
             f"Knee: {falls}: from {at.markers} markers on the large ones are gone."

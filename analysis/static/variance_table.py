@@ -51,8 +51,8 @@ def variance(folder: Path, output: Path, options: SubsetOptions = DEFAULTS) -> S
         raise InputError(
             folder,
             f"expected at least {MIN_SUBSETS} markers in view with {MIN_FIXES} different fixes of "
-            f"one marker, found {measured[0].subsets} with {measured[0].fixes}; a longer log or more "
-            "--frames gives more fixes",
+            f"one marker, found {measured[0].subsets} with {measured[0].fixes}; a longer log or "
+            "more --frames gives more fixes",
         )
     write_table(output, rows, _source(view, chosen, measured, options))
     return Study(

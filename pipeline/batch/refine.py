@@ -1,7 +1,7 @@
 """Least squares of the reprojection error by Levenberg-Marquardt, one subset after another.
 
 The cost is OpenCV's: the sum over corners of |project(R (X - c) + t) - u|² in distorted pixels; c
-is the centroid of the subset, which uncouples R from t. A step (w, d) turns R into R(w) R, with R(w)
+is the centroid of the subset, which uncouples R from t. A step (w, d) turns R into R(w) R, R(w)
 a rotation by w to second order, and adds d to t. With Q = R (X - c), P = Q + t and p the derivative
 of a pixel coordinate by P, its derivative by the step is (Q x p, p). H = J^T J and g = J^T r are
 summed corner by corner in a loop that the compiler vectorizes.
