@@ -76,3 +76,15 @@ class Source(Protocol):
     def frames(self) -> Iterator[CapturedFrame | SourceEvent]:
         """The frames in the order of capture, and between them what went wrong."""
         ...
+
+
+class LiveSource(Source, Protocol):
+    """A source that does not wait: what is not taken in time is lost.
+
+    `frames` blocks until the next frame, in a thread of its own. Capture times are those of the
+    clock that `describe()["clock"]` names; arrivals are of the system clock.
+    """
+
+    def stop(self) -> None:
+        """From another thread: let `frames` end, within a second, also while nothing arrives."""
+        ...
