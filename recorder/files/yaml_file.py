@@ -47,11 +47,22 @@ class _Loader(_SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(?:[0-9]+|[0-9]*\.[0-9]+|[0-9]+\.)[eE][-+]?[0-9]+$"),
-    list("-+.0123456789"),
-)
+class _Dumper(yaml.SafeDumper):
+    """Quotes what the loader would not take for text."""
+
+
+_NUMBER = re.compile(r"^[-+]?(?:[0-9]+|[0-9]*\.[0-9]+|[0-9]+\.)[eE][-+]?[0-9]+$")
+for _side in (_Loader, _Dumper):
+    _side.add_implicit_resolver("tag:yaml.org,2002:float", _NUMBER, list("-+.0123456789"))
+
+
+def inline_yaml(value: Any) -> str:
+    """A value in one line, as `parse_yaml` reads it back."""
+    text: str = yaml.dump(
+        value, Dumper=_Dumper, default_flow_style=True, width=10**6, sort_keys=False,
+        allow_unicode=True,
+    )  # fmt: skip
+    return text.removesuffix("\n").removesuffix("\n...")
 
 
 def parse_yaml(data: bytes, path: Path) -> Any:
@@ -130,6 +141,16 @@ def validate(model: type[Model], data: Any, path: Path) -> Model:
         where = _where(first, data)
         more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
         raise InputError(path, _problem(model, first) + more, where) from error
+
+
+def problems(model: type[BaseModel], data: Any, path: Path) -> list[InputError]:
+    """Everything that keeps `data` from being a `model`, each as `validate` would say it."""
+    try:
+        model.model_validate(data)
+    except ValidationError as error:
+        details = error.errors(include_url=False)
+        return [InputError(path, _problem(model, d), _where(d, data)) for d in details]
+    return []
 
 
 def _where(error: ErrorDetails, data: Any) -> str | None:

@@ -1,0 +1,1 @@
+"""Marker maps: checked, drawn, and in other tools' formats."""

@@ -1,0 +1,116 @@
+"""The verb `markers`: sheets to print."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from recorder.click_types import FiniteFloat
+
+_FILE = click.Path(path_type=Path, dir_okay=False)
+_LENGTH = FiniteFloat(above=0.0)
+
+
+@click.command(
+    epilog="""\b
+Example:
+  arucolog markers --ids 0-23 --dictionary DICT_6X6_1000 --size-mm 150 -o sheets.pdf
+"""
+)
+@click.option("--map", "map_path", type=_FILE, help="All markers of a map.yaml, at their sizes.")
+@click.option("--ids", metavar="IDS", help="Such as 0-23,30; with --map only these of it.")
+@click.option("--dictionary", help="Of cv2.aruco [the map's, else DICT_6X6_1000].")
+@click.option("--size-mm", type=_LENGTH, help="Of the black square [the map's, else 150].")
+@click.option("--size-m", type=_LENGTH, help="The same in metres.")
+@click.option(
+    "--page",
+    "page_name",
+    default="A4",
+    show_default=True,
+    help="A5 to A0, letter, legal, tabloid, or WIDTHxHEIGHT in mm.",
+)
+@click.option("--inverted", is_flag=True, help="White on black, as with the map's inverted.")
+@click.option(
+    "--quiet-modules",
+    type=FiniteFloat(above=0.0),
+    default=1.0,
+    show_default=True,
+    help="Width of the quiet zone in cells of the marker.",
+)
+@click.option("-o", "--output", type=_FILE, required=True, help="The PDF.")
+@click.option("--force", is_flag=True, help="Replace a file that exists.")
+def markers(
+    map_path: Path | None,
+    ids: str | None,
+    dictionary: str | None,
+    size_mm: float | None,
+    size_m: float | None,
+    page_name: str,
+    inverted: bool,
+    quiet_modules: float,
+    output: Path,
+    force: bool,
+) -> None:
+    """Make a PDF of markers to print: exact sizes, ids, up arrows, cut marks, a ruler.
+
+    Print at 100 %, without fitting to the page, and measure the ruler and a marker: what counts in
+    map.yaml is the size that the printer made. All families are drawn as OpenCV does, to which
+    map.yaml refers; AprilTag's own drawings are turned by 180 degrees to that.
+    """
+    from tqdm import tqdm
+
+    from recorder.files.map_file import parse_map
+    from recorder.files.output_file import check_free, write_output
+    from recorder.files.yaml_file import read_bytes
+    from recorder.info_text import counted
+    from recorder.prints.ids import parse_ids
+    from recorder.prints.paper import parse_page
+    from recorder.prints.sheets import Print, make_sheets, prints_of_map
+
+    if map_path is None and ids is None:
+        raise click.UsageError("expected --ids or --map")
+    if size_m is not None and size_mm is not None:
+        raise click.UsageError("expected --size-mm or --size-m, found both")
+    if map_path is not None and dictionary is not None:
+        raise click.UsageError("the map says the dictionary: leave --dictionary out")
+    given_m = size_m if size_m is not None else None if size_mm is None else size_mm / 1000.0
+    try:
+        page = parse_page(page_name)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--page") from error
+    try:
+        wanted = None if ids is None else parse_ids(ids)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--ids") from error
+    check_free(output, force=force)
+    if map_path is not None:
+        marker_map = parse_map(read_bytes(map_path), map_path)
+        prints = prints_of_map(marker_map)
+        if wanted is not None:
+            by_id = {item.id: item for item in prints}
+            if missing := [i for i in wanted if i not in by_id]:
+                raise click.ClickException(f"{map_path}: expected id {missing[0]}, found none")
+            prints = tuple(by_id[i] for i in wanted)
+        if given_m is not None:
+            prints = tuple(Print(item.id, given_m, item.note) for item in prints)
+        dictionary, inverted = marker_map.dictionary, inverted or marker_map.inverted
+    else:
+        prints = tuple(Print(i, given_m or 0.15) for i in wanted or ())
+    with tqdm(unit="page", desc="markers", disable=None) as bar:
+        try:
+            made = make_sheets(
+                prints,
+                dictionary or "DICT_6X6_1000",
+                page,
+                inverted=inverted,
+                quiet_modules=quiet_modules,
+                progress=bar.update,
+            )
+        except ValueError as error:
+            raise click.ClickException(str(error)) from error
+    write_output(output, made.data, force=force)
+    click.echo(
+        f"{output}: {counted(made.markers, 'marker')} on {counted(made.pages, 'page')} "
+        f"of {page.name}"
+    )
