@@ -55,6 +55,11 @@ class ImagesSource:
             raise InputError(self._files[0], f"expected a {kind} image, found something else")
         self._lost = sum(file.suffix.lower() in ENCODED for file in unreadable)
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """In the order of the frames: a frame's number is its file's place here."""
+        return tuple(self._files)
+
     def describe(self) -> dict[str, str]:
         return {
             "kind": "images",
