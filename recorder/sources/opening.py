@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from recorder.errors import InputError
+from recorder.sources.live.settings import CameraSettings
 
 if TYPE_CHECKING:
     from recorder.sources.base import Source
@@ -24,34 +25,43 @@ class SourceOptions:
     Attributes:
         start_ns: capture time of time 0 in a file.
         fps: images a second in a folder of images; 1 when nothing is said.
-        encoding: of video that is not JPEG already.
+        encoding: of video that is not JPEG already, and of uncompressed images.
+        topic: of a ROS bag.
+        camera: how a camera is to be set.
     """
 
     start_ns: int | None = None
     fps: Fraction | None = None
     encoding: Literal["jpeg", "png"] | None = None
+    topic: str | None = None
+    camera: CameraSettings = field(default_factory=CameraSettings)
 
 
 def open_source(spec: str, options: SourceOptions | None = None) -> Source:
-    """The source that `spec` names: a folder, an image, a video, a scene.yaml or a shipped scene.
+    """The source that `spec` names.
+
+    A device, the URL of a stream, a ROS bag, a folder of images, an image, a video, a scene.yaml or
+    a shipped scene. A device and a stream are a `LiveSource`.
 
     Raises:
         InputError: it is none of them, or an option does not apply to it.
     """
     options = options or SourceOptions()
     if "://" in spec or spec.startswith("/dev/"):
-        raise InputError(
-            spec, "expected a video, a folder of images or a scene.yaml; devices and streams "
-            "are not supported yet: record them to a video file first",
-        )  # fmt: skip
+        return _live(spec, options)
     path = Path(spec)
-    if path.is_dir():
-        return _images(path, options)
     if not path.exists():
         return _shipped_scene(path, options)
     suffix = path.suffix.lower()
     if suffix in (".yaml", ".yml"):
         return _scene(path, options)
+    if path.is_dir() or suffix in (".bag", ".db3", ".mcap"):
+        from recorder.sources.bags.bag import is_bag
+
+        if is_bag(path):
+            return _bag(path, options)
+    if path.is_dir():
+        return _images(path, options)
     if suffix == ".mcap":
         raise InputError(
             path, "expected a video, a folder of images or a scene.yaml, found a log (replay it)"
@@ -62,7 +72,7 @@ def open_source(spec: str, options: SourceOptions | None = None) -> Source:
         return _images(path, options)
     from recorder.sources.video import VideoSource
 
-    _reject(path, "a video", fps=options.fps)
+    _only(path, "a video", options, "start", "encoding")
     return VideoSource(path, start_ns=options.start_ns, encoding=options.encoding or "jpeg")
 
 
@@ -90,17 +100,45 @@ def parse_start(text: str) -> int:
     return start_ns
 
 
+def _live(spec: str, options: SourceOptions) -> Source:
+    scheme, separator, _ = spec.partition("://")
+    if not separator:
+        from recorder.sources.live.device import device_camera
+
+        _only(spec, "a device", options, "encoding", "camera")
+        return device_camera(Path(spec), options.camera, options.encoding or "jpeg")
+    from recorder.sources.live.http_mjpeg import http_camera, without_password
+
+    shown = without_password(spec)
+    if scheme in ("http", "https"):
+        _only(shown, "an MJPEG stream", options)
+        return http_camera(spec)
+    if scheme in ("rtsp", "rtsps"):
+        from recorder.sources.live.rtsp import rtsp_camera
+
+        _only(shown, "a stream", options, "encoding")
+        return rtsp_camera(spec, options.encoding or "jpeg")
+    raise InputError(shown, f"expected an http://, https:// or rtsp:// URL, found {scheme}://")
+
+
+def _bag(path: Path, options: SourceOptions) -> Source:
+    from recorder.sources.bags.source import BagSource
+
+    _only(path, "a ROS bag", options, "topic", "encoding")
+    return BagSource(path, topic=options.topic, encoding=options.encoding)
+
+
 def _images(path: Path, options: SourceOptions) -> Source:
     from recorder.sources.images import ImagesSource
 
-    _reject(path, "images", encoding=options.encoding)
+    _only(path, "images", options, "fps", "start")
     return ImagesSource(path, fps=options.fps or Fraction(1), start_ns=options.start_ns or 0)
 
 
 def _scene(path: Path, options: SourceOptions) -> Source:
     from recorder.simulation.source import SceneSource
 
-    _reject(path, "a scene", fps=options.fps, start=options.start_ns, encoding=options.encoding)
+    _only(path, "a scene", options)
     return SceneSource(path)
 
 
@@ -116,7 +154,17 @@ def _shipped_scene(path: Path, options: SourceOptions) -> Source:
     )
 
 
-def _reject(path: Path, what: str, **options: object) -> None:
-    for name, value in options.items():
-        if value is not None:
+def _only(path: str | Path, what: str, options: SourceOptions, *allowed: str) -> None:
+    """Refuses an option that does not apply; `camera` stands for all that can be set on one."""
+    given: dict[str, object] = {
+        "start": options.start_ns,
+        "fps": options.fps,
+        "encoding": options.encoding,
+        "topic": options.topic,
+    }
+    for name, value in given.items():
+        if value is not None and name not in allowed:
             raise InputError(path, f"expected no --{name} for {what}, found {value}")
+    if "camera" not in allowed:
+        for name in options.camera.given():
+            raise InputError(path, f"expected no --{name} for {what}: it applies to devices")

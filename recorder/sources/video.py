@@ -6,10 +6,8 @@ from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 from pathlib import Path
-from typing import Literal
 
 import av
-import cv2
 from av.container import InputContainer
 from av.packet import Packet
 from av.video.frame import VideoFrame
@@ -17,10 +15,8 @@ from av.video.stream import VideoStream
 
 from recorder.errors import InputError
 from recorder.sources.base import CapturedFrame, SourceEvent
+from recorder.sources.encoding import Encoding, encoded_image
 
-Encoding = Literal["jpeg", "png"]
-
-_JPEG_QUALITY = 95
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -88,14 +84,7 @@ class VideoSource:
             if stream is None:
                 return
             pictures = self._packets if self._passes_through else self._decoded
-            last_ns = -1
-            for item in pictures(container, stream):
-                if isinstance(item, CapturedFrame):
-                    if item.timestamp_ns <= last_ns:
-                        text = f"frame {item.frame_index} is not later than the one before"
-                        yield SourceEvent(item.timestamp_ns, "warning", text)
-                    last_ns = item.timestamp_ns
-                yield item
+            yield from pictures(container, stream)
 
     def _packets(
         self, container: InputContainer, stream: VideoStream
@@ -130,7 +119,7 @@ class VideoSource:
                     yield _lost(last_ns, index)
                 else:
                     last_ns = self._capture_ns(picture.pts, picture.time_base, index)
-                    data = self._encoded(picture)
+                    data = encoded_picture(picture, self._encoding)
                     yield CapturedFrame(index, last_ns, last_ns, data, self._encoding)
                 index += 1
 
@@ -148,14 +137,6 @@ class VideoSource:
             )
         return timestamp_ns
 
-    def _encoded(self, picture: VideoFrame) -> bytes:
-        image = picture.to_ndarray(format="bgr24")
-        if self._encoding == "png":
-            _, encoded = cv2.imencode(".png", image)
-        else:
-            _, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        return encoded.tobytes()
-
     def _open(self) -> InputContainer:
         try:
             return av.open(str(self._path), mode="r")
@@ -163,6 +144,11 @@ class VideoSource:
             raise InputError(self._path, "expected a video, found no file") from error
         except (av.error.FFmpegError, OSError, ValueError) as error:
             raise InputError(self._path, "expected a video, found something else") from error
+
+
+def encoded_picture(picture: VideoFrame, encoding: Encoding) -> bytes:
+    """A decoded picture as JPEG of quality 95 or as PNG."""
+    return encoded_image(picture.to_ndarray(format="bgr24"), encoding)
 
 
 def _video_stream(container: InputContainer) -> VideoStream | None:

@@ -1,0 +1,1 @@
+"""ROS bags: other people's recordings as a source."""

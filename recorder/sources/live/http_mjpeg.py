@@ -1,0 +1,189 @@
+"""MJPEG over HTTP: one JPEG after another in a multipart response that does not end."""
+
+from __future__ import annotations
+
+import base64
+import http.client
+import socket
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from decimal import Decimal, InvalidOperation
+from email.message import Message
+from urllib.parse import SplitResult, unquote, urlsplit
+
+from recorder.errors import InputError
+from recorder.sources.live import clock
+from recorder.sources.live.multipart import CutError, Part, parts
+from recorder.sources.live.stream import SILENCE_S, ConnectionLost, LiveCamera, Received
+
+_CONNECT_S = 5.0
+
+
+def http_camera(url: str) -> LiveCamera:
+    """The camera behind an `http://` or `https://` URL.
+
+    Raises:
+        InputError: there is no MJPEG stream.
+    """
+    about = {"kind": "http mjpeg", "url": without_password(url), "encoding": "as it is"}
+    return LiveCamera(host_name(url), without_password(url), lambda: HttpConnection(url), about)
+
+
+class HttpConnection:
+    """One response, read part by part.
+
+    Capture is what the part's X-Timestamp says (mjpg-streamer and others pass the kernel's stamp
+    on), where that clock is near ours when the first frame comes; else the arrival of the part's
+    headers.
+    """
+
+    def __init__(self, url: str) -> None:
+        self._spec = without_password(url)
+        self._address = _split(url, self._spec)
+        self._connection = self._connected()
+        # The connection gives its socket away with the response; it takes this to interrupt that.
+        self._socket: socket.socket = self._connection.sock
+        self._response: http.client.HTTPResponse | None = None
+        try:
+            self._response = response = self._answered()
+            boundary = self._boundary(response)
+        except BaseException:
+            self.close()
+            raise
+        self._socket.settimeout(SILENCE_S)
+        self._server = response.headers.get("Server", "")
+        self._parts = parts(response, boundary)
+        self._stamped: bool | None = None
+
+    def receive(self) -> Received | None:
+        try:
+            part = next(self._parts)
+        except StopIteration as end:
+            raise ConnectionLost("the server ended the stream") from end
+        except CutError as error:
+            raise ConnectionLost(str(error), cut=True) from error
+        except TimeoutError as error:
+            raise ConnectionLost(f"nothing for {SILENCE_S:g} s") from error
+        except (OSError, ValueError, http.client.HTTPException) as error:
+            raise ConnectionLost(_reason(error)) from error
+        arrival_ns = time.time_ns()
+        timestamp_ns = self._stamp_ns(part, arrival_ns)
+        note = f"{part.skipped} bytes belong to no frame" if part.skipped else None
+        problem = None if part.data else "is empty"
+        return Received(part.data, arrival_ns, timestamp_ns, problem=problem, note=note)
+
+    def describe(self) -> Mapping[str, str]:
+        name = "server (X-Timestamp of each part)" if self._stamped else clock.ARRIVAL
+        return {"clock": name, "server": self._server}
+
+    def interrupt(self) -> None:
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        self.interrupt()
+        if self._response is not None:
+            self._response.close()
+        self._connection.close()
+
+    def _connected(self) -> http.client.HTTPConnection:
+        address = self._address
+        secure = address.scheme == "https"
+        kind = http.client.HTTPSConnection if secure else http.client.HTTPConnection
+        connection = kind(address.hostname or "", address.port, timeout=_CONNECT_S)
+        try:
+            connection.connect()
+        except OSError as error:
+            connection.close()
+            raise InputError(
+                self._spec, f"expected a server, found none ({_reason(error)})"
+            ) from error
+        return connection
+
+    def _answered(self) -> http.client.HTTPResponse:
+        path = self._address.path or "/"
+        path += f"?{self._address.query}" if self._address.query else ""
+        headers = {"User-Agent": "arucolog", **_authorization(self._address)}
+        try:
+            self._connection.request("GET", path, headers=headers)
+            return self._connection.getresponse()
+        except (OSError, http.client.HTTPException) as error:
+            raise InputError(
+                self._spec, f"expected an answer, found none ({_reason(error)})"
+            ) from error
+
+    def _boundary(self, response: http.client.HTTPResponse) -> str:
+        """What is between the parts of a response; everything that is no stream is refused."""
+        if response.status == 401:
+            raise InputError(
+                self._spec, "expected to be let in, found 401: give http://USER:PASSWORD@HOST/…"
+            )
+        if location := response.headers.get("Location"):
+            raise InputError(self._spec, f"expected a stream, found a redirect to {location}")
+        if response.status != 200:
+            raise InputError(
+                self._spec, f"expected a stream, found {response.status} {response.reason}"
+            )
+        boundary = response.headers.get_boundary()
+        if response.headers.get_content_maintype() != "multipart" or not boundary:
+            raise InputError(
+                self._spec,
+                "expected an MJPEG stream (multipart/x-mixed-replace), found "
+                f"{_content_type(response.headers)}",
+            )
+        return boundary
+
+    def _stamp_ns(self, part: Part, arrival_ns: int) -> int | None:
+        try:
+            stamp_ns = int(Decimal(part.headers.get("x-timestamp", "")) * 10**9)
+        except (InvalidOperation, OverflowError, ValueError):
+            stamp_ns = -1
+        if self._stamped is None:
+            self._stamped = clock.near(stamp_ns, arrival_ns)
+        return stamp_ns if self._stamped and 0 < stamp_ns < 2**63 else part.begun_ns
+
+
+def without_password(url: str) -> str:
+    """The URL as it may be shown."""
+    scheme, separator, rest = url.partition("://")
+    place, slash, path = rest.partition("/")
+    user, at, host = place.rpartition("@")
+    if not at:
+        return url
+    return f"{scheme}{separator}{user.partition(':')[0]}:***@{host}{slash}{path}"
+
+
+def host_name(url: str) -> str:
+    """The host in a URL, fit for the name of a file."""
+    try:
+        host = urlsplit(url).hostname or "camera"
+    except ValueError:
+        host = "camera"
+    return "".join(c if c.isalnum() or c in ".-" else "-" for c in host)
+
+
+def _split(url: str, spec: str) -> SplitResult:
+    try:
+        address = urlsplit(url)
+        if address.hostname and (address.port is None or address.port > 0):
+            return address
+    except ValueError:
+        pass
+    raise InputError(spec, "expected a URL such as http://HOST:PORT/PATH, found another one")
+
+
+def _authorization(address: SplitResult) -> dict[str, str]:
+    if address.username is None:
+        return {}
+    pair = f"{unquote(address.username)}:{unquote(address.password or '')}"
+    return {"Authorization": f"Basic {base64.b64encode(pair.encode()).decode()}"}
+
+
+def _content_type(headers: Message) -> str:
+    return headers.get_content_type() if "Content-Type" in headers else "no Content-Type"
+
+
+def _reason(error: Exception) -> str:
+    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return text.lower() if text else type(error).__name__

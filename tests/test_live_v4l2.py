@@ -1,0 +1,349 @@
+"""Cameras under /dev, with a driver that is made up: no camera is needed."""
+
+from __future__ import annotations
+
+import errno
+import json
+import struct
+import time
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, cast
+
+import av
+import pytest
+from av.container import InputContainer
+from click.testing import CliRunner
+
+from recorder.cameras_cli import cameras
+from recorder.errors import InputError
+from recorder.sources.live import device, v4l2
+from recorder.sources.live.clock import ARRIVAL, kernel_clock
+from recorder.sources.live.container import AvPacket
+from recorder.sources.live.device import KernelStamps, device_camera
+from recorder.sources.live.listing import found_cameras, listing_text
+from recorder.sources.live.settings import (
+    CameraSettings,
+    parse_exposure,
+    parse_number_or_auto,
+    parse_rate,
+    parse_size,
+)
+from recorder.sources.live.v4l2 import Device, Mode
+from recorder.sources.opening import SourceOptions, open_source
+from tests.live_helpers import Taker
+from tests.test_sources import make_video
+
+MJPG = int.from_bytes(b"MJPG", "little")
+YUYV = int.from_bytes(b"YUYV", "little")
+SIZES = {MJPG: [(1920, 1080), (128, 96)], YUYV: [(640, 480)]}
+
+
+class FakeDriver:
+    """Answers as a Logitech C920 does; controls by number: minimum, maximum, value."""
+
+    def __init__(self) -> None:
+        self.capabilities = 0x84A00001, 0x04200001
+        self.controls = {
+            v4l2.EXPOSURE_AUTO: (0, 3, 3),
+            v4l2.EXPOSURE_100US: (3, 2047, 250),
+            v4l2.FOCUS_AUTO: (0, 1, 1),
+            v4l2.FOCUS: (0, 250, 35),
+            v4l2.WHITE_BALANCE_AUTO: (0, 1, 1),
+            v4l2.WHITE_BALANCE_K: (2000, 6500, 4000),
+        }
+        self.refused: set[tuple[int, int]] = {(v4l2.EXPOSURE_AUTO, 0), (v4l2.EXPOSURE_AUTO, 2)}
+        self.set: list[tuple[int, int]] = []
+
+    def __call__(self, fd: int, request: int, data: bytearray) -> int:
+        answers = {
+            0x80685600: self._capability,
+            0xC0405602: self._format,
+            0xC02C564A: self._size,
+            0xC034564B: self._interval,
+            0xC0445624: self._query,
+            0xC008561B: self._get,
+            0xC008561C: self._put,
+        }
+        if request not in answers:
+            raise OSError(errno.ENOTTY, "no such ioctl")
+        answers[request](data)
+        return 0
+
+    def _capability(self, data: bytearray) -> None:
+        struct.pack_into("16s32s32s3I", data, 0, b"uvcvideo", b"HD Pro Webcam C920", b"usb-1",
+                         0x060100, *self.capabilities)  # fmt: skip
+
+    def _format(self, data: bytearray) -> None:
+        index, kind = struct.unpack_from("2I", data)
+        assert kind == 1
+        struct.pack_into("32sI", data, 12, b"", list(SIZES)[self._known(index, len(SIZES))])
+
+    def _size(self, data: bytearray) -> None:
+        index, pixel_format = struct.unpack_from("2I", data)
+        sizes = SIZES[pixel_format]
+        struct.pack_into("3I", data, 8, 1, *sizes[self._known(index, len(sizes))])
+
+    def _interval(self, data: bytearray) -> None:
+        index, _, width, _ = struct.unpack_from("4I", data)
+        intervals = [(1, 30), (1, 15), (2, 15)] if width == 1920 else [(1, 30)]
+        numbers = intervals[self._known(index, len(intervals))]
+        struct.pack_into("3I", data, 16, 1, *numbers)
+
+    def _query(self, data: bytearray) -> None:
+        (number,) = struct.unpack_from("I", data)
+        low, high, _ = self._control(number)
+        struct.pack_into("32s4i", data, 8, b"a control", low, high, 1, low)
+
+    def _get(self, data: bytearray) -> None:
+        (number,) = struct.unpack_from("I", data)
+        struct.pack_into("i", data, 4, self._control(number)[2])
+
+    def _put(self, data: bytearray) -> None:
+        number, value = struct.unpack("Ii", data)
+        low, high, _ = self._control(number)
+        if (number, value) in self.refused or not low <= value <= high:
+            raise OSError(errno.EINVAL, "invalid argument")
+        self.controls[number] = (low, high, value)
+        self.set.append((number, value))
+
+    def _control(self, number: int) -> tuple[int, int, int]:
+        if number not in self.controls:
+            raise OSError(errno.EINVAL, "invalid argument")
+        return self.controls[number]
+
+    def _known(self, index: int, count: int) -> int:
+        if index >= count:
+            raise OSError(errno.EINVAL, "invalid argument")
+        return index
+
+
+def test_numbers_are_those_of_the_kernel() -> None:
+    """As <linux/videodev2.h> has them, printed by a C compiler."""
+    assert v4l2.QUERYCAP == 0x80685600
+    assert v4l2.ENUM_FMT == 0xC0405602
+    assert v4l2.G_CTRL == 0xC008561B
+    assert v4l2.S_CTRL == 0xC008561C
+    assert v4l2.QUERYCTRL == 0xC0445624
+    assert v4l2.ENUM_FRAMESIZES == 0xC02C564A
+    assert v4l2.ENUM_FRAMEINTERVALS == 0xC034564B
+    assert (v4l2.EXPOSURE_AUTO, v4l2.EXPOSURE_100US) == (0x9A0901, 0x9A0902)
+    assert (v4l2.FOCUS, v4l2.FOCUS_AUTO) == (0x9A090A, 0x9A090C)
+    assert (v4l2.WHITE_BALANCE_AUTO, v4l2.WHITE_BALANCE_K) == (0x98090C, 0x98091A)
+
+
+def test_modes_and_names_are_read() -> None:
+    with Device(Path("/dev/null"), FakeDriver()) as camera:
+        assert (camera.driver, camera.card, camera.bus) == (
+            "uvcvideo", "HD Pro Webcam C920", "usb-1",
+        )  # fmt: skip
+        assert camera.captures
+        assert list(camera.modes()) == [
+            Mode("MJPG", 1920, 1080, (30.0, 15.0, 7.5)),
+            Mode("MJPG", 128, 96, (30.0,)),
+            Mode("YUYV", 640, 480, (30.0,)),
+        ]
+        assert camera.control(v4l2.FOCUS) == v4l2.Control("a control", 0, 250, 0, 35)
+        assert camera.control(123) is None
+
+
+def test_what_is_set_is_read_back() -> None:
+    driver = FakeDriver()
+    settings = CameraSettings(exposure_us=5000, focus=0, white_balance_k=4500)
+    with Device(Path("/dev/null"), driver) as camera:
+        assert device.controls(camera) == {
+            "exposure": "auto", "focus": "auto", "white_balance": "auto",
+        }  # fmt: skip
+        device.set_controls(camera, settings, Path("cam"))
+        assert device.controls(camera) == {
+            "exposure": "5000 us", "focus": "0", "white_balance": "4500 K",
+        }  # fmt: skip
+        # The automatic goes off before the value is set, or a driver would refuse that.
+        assert driver.set == [
+            (v4l2.EXPOSURE_AUTO, 1), (v4l2.EXPOSURE_100US, 50),
+            (v4l2.FOCUS_AUTO, 0), (v4l2.FOCUS, 0),
+            (v4l2.WHITE_BALANCE_AUTO, 0), (v4l2.WHITE_BALANCE_K, 4500),
+        ]  # fmt: skip
+        device.set_controls(camera, CameraSettings(None, None, "auto", "auto", "auto"), Path("cam"))
+        assert set(device.controls(camera).values()) == {"auto"}
+
+
+@pytest.mark.parametrize(
+    ("settings", "missing", "words"),
+    [
+        (CameraSettings(focus=300), None, "expected focus from 0 to 250, found 300"),
+        (CameraSettings(exposure_us=10**7), None, "exposure in units of 0.1 ms from 3 to 2047"),
+        (CameraSettings(white_balance_k=9000), None, "white balance from 2000 to 6500"),
+        (CameraSettings(focus=3), v4l2.FOCUS, "a camera whose focus can be set"),
+        (CameraSettings(focus="auto"), v4l2.FOCUS_AUTO, "a camera with automatic focus"),
+        (CameraSettings(exposure_us="auto"), v4l2.EXPOSURE_AUTO, "with automatic exposure"),
+    ],
+)
+def test_what_a_camera_cannot_do_is_said(
+    settings: CameraSettings, missing: int | None, words: str
+) -> None:
+    driver = FakeDriver()
+    driver.controls.pop(missing or 0, None)
+    with Device(Path("/dev/null"), driver) as camera, pytest.raises(InputError, match=words):
+        device.set_controls(camera, settings, Path("cam"))
+
+
+@pytest.fixture
+def opened_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """A video in place of the device; gives the options that it was opened with."""
+    make_video(tmp_path / "a.avi", "mjpeg", 30)
+    seen: dict[str, str] = {}
+
+    def open_video(spec: str, shown: str, what: str, open_s: float, **given: str) -> InputContainer:
+        seen.update(given, spec=spec)
+        return av.open(str(tmp_path / "a.avi"))
+
+    monkeypatch.setattr(device, "opened", open_video)
+    return seen
+
+
+def test_a_device_is_a_source(tmp_path: Path, opened_with: dict[str, str]) -> None:
+    path = tmp_path / "video0"
+    path.touch()
+    settings = CameraSettings((128, 96), Fraction(30), 5000, 0)
+    driver = FakeDriver()
+    source = device_camera(path, settings, "jpeg", driver)
+    assert opened_with == {
+        "format": "v4l2", "input_format": "mjpeg", "video_size": "128x96", "framerate": "30",
+        "timestamps": "default", "fflags": "nonblock", "spec": str(path),
+    }  # fmt: skip
+    about = source.describe()
+    assert (about["name"], about["codec"], about["encoding"]) == (
+        "HD Pro Webcam C920", "mjpeg", "as it is",
+    )  # fmt: skip
+    assert (about["exposure"], about["focus"], about["white_balance"]) == ("5000 us", "0", "auto")
+    assert (about["size"], about["rate_hz"]) == ("128x96", "30000/1001")
+    assert source.name == "video0"
+    with av.open(str(tmp_path / "a.avi")) as container:
+        packets = [bytes(p) for p in container.demux(video=0) if p.size]
+    driver.set.clear()
+    with Taker(source) as taken:
+        taken.wait_for_message("connection lost after frame 29: the stream ended")
+        taken.wait_for(31)
+    # Who was unplugged in between has forgotten it.
+    assert driver.set.count((v4l2.FOCUS, 0)) == 2
+    assert [f.data for f in taken.frames[:30]] == packets
+
+
+def test_autofocus_is_warned_of(tmp_path: Path, opened_with: dict[str, str]) -> None:
+    path = tmp_path / "video0"
+    path.touch()
+    with Taker(device_camera(path, CameraSettings(), "jpeg", FakeDriver())) as taken:
+        taken.wait_for(1)
+    assert taken.items[0] == taken.events[0]
+    assert taken.events[0].level == "warning"
+    assert "autofocus is on" in taken.messages[0]
+
+
+def test_a_mode_that_the_driver_changes_is_said(
+    tmp_path: Path, opened_with: dict[str, str]
+) -> None:
+    path = tmp_path / "video0"
+    path.touch()
+    with pytest.raises(InputError, match="expected images of 1920x1080, found 128x96"):
+        device_camera(path, CameraSettings((1920, 1080)), "jpeg", FakeDriver())
+
+
+def test_what_is_no_camera_is_said(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected a camera, found: no such file"):
+        open_source("/dev/video99")
+    with pytest.raises(InputError, match="expected a camera, found: inappropriate ioctl"):
+        open_source("/dev/null")
+    metadata_only = FakeDriver()
+    metadata_only.capabilities = 0x84A00001, 0x04A00000
+    with pytest.raises(InputError, match="found a device without images"):
+        device_camera(Path("/dev/null"), CameraSettings(), "jpeg", metadata_only)
+
+
+def packet_at(stamp_ns: int | None) -> AvPacket:
+    packet: Any = av.Packet(b"x")
+    packet.time_base = Fraction(1, 10**6)
+    packet.pts = None if stamp_ns is None else stamp_ns // 1000
+    return cast(AvPacket, packet)
+
+
+def test_kernel_stamps_become_system_time() -> None:
+    stamps = KernelStamps()
+    monotonic_ns, system_ns = time.monotonic_ns(), time.time_ns()
+    stamps.learn(packet_at(monotonic_ns - 30_000_000))
+    assert "CLOCK_MONOTONIC" in stamps.name
+    found_ns = stamps.capture_ns(monotonic_ns - 30_000_000)
+    assert found_ns is not None
+    assert abs(found_ns - (system_ns - 30_000_000)) < 5_000_000
+    # Intervals are the kernel's, to the nanosecond.
+    later_ns = stamps.capture_ns(monotonic_ns + 3_333_333)
+    assert later_ns == found_ns + 33_333_333
+
+
+def test_other_clocks_are_told_apart() -> None:
+    system_ns = time.time_ns()
+    system = kernel_clock(system_ns - 10_000_000)
+    assert system is not None
+    assert (system.offset_ns, "CLOCK_REALTIME" in system.name) == (0, True)
+    assert kernel_clock(system_ns - 3600 * 10**9) is None
+    stamps = KernelStamps()
+    stamps.learn(packet_at(5))
+    assert stamps.name == ARRIVAL
+    assert stamps.capture_ns(5) is None
+
+
+def test_cameras_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = found_cameras([Path("/dev/null"), Path("/dev/video99")], FakeDriver())
+    lines = listing_text(found).splitlines()
+    assert lines[0] == "/dev/null: HD Pro Webcam C920 (uvcvideo, usb-1)"
+    assert lines[1] == "  MJPG 1920x1080  at 30, 15, 7.5 frames/s"
+    assert lines[4:] == [
+        "  exposure: auto", "  focus: auto", "  white balance: auto",
+        "/dev/video99: no such file or directory",
+    ]  # fmt: skip
+    listing = "recorder.sources.live.listing.found_cameras"
+    monkeypatch.setattr(listing, lambda: found[:1])
+    shown = json.loads(CliRunner().invoke(cameras, ["--json"]).stdout)
+    assert shown[0]["modes"][0] == {
+        "pixel_format": "MJPG", "width_px": 1920, "height_px": 1080, "rates_hz": [30, 15, 7.5],
+    }  # fmt: skip
+    monkeypatch.setattr(listing, list)
+    result = CliRunner().invoke(cameras)
+    assert (result.exit_code, "no camera found" in result.stdout) == (0, True)
+    assert CliRunner().invoke(cameras, ["--json"]).stdout == "[]\n"
+
+
+def test_settings_are_read_from_texts() -> None:
+    assert parse_size("1920x1080") == (1920, 1080)
+    assert parse_rate("30000/1001") == Fraction(30000, 1001)
+    assert [parse_exposure(t) for t in ("5ms", "500us", "1/200s", "0.01 s", "auto")] == [
+        5000, 500, 5000, 10000, "auto",
+    ]  # fmt: skip
+    assert (parse_number_or_auto("0"), parse_number_or_auto("auto")) == (0, "auto")
+    for parse, texts in (
+        (parse_size, ("1920", "1920x", "0x5", "-1x5")),
+        (parse_rate, ("0", "x", "1/0", "-3")),
+        (parse_exposure, ("5", "0ms", "ms", "-5ms", "1/0s")),
+        (parse_number_or_auto, ("-1", "", "1.5", "on")),
+    ):
+        for text in texts:
+            with pytest.raises(ValueError, match="expected"):
+                parse(text)
+
+
+@pytest.mark.parametrize(
+    ("spec", "options", "words"),
+    [
+        ("http://h/", SourceOptions(camera=CameraSettings(focus=0)), "no --focus for an MJPEG"),
+        ("rtsp://h/", SourceOptions(camera=CameraSettings(exposure_us=5)), "no --exposure for a"),
+        ("http://h/", SourceOptions(encoding="png"), "no --encoding for an MJPEG stream"),
+        ("/dev/video0", SourceOptions(fps=Fraction(3)), "no --fps for a device"),
+        ("/dev/video0", SourceOptions(topic="/t"), "no --topic for a device"),
+        ("ftp://h/", SourceOptions(), "expected an http://, https:// or rtsp:// URL, found ftp"),
+    ],
+)
+def test_options_that_do_not_apply_are_refused(
+    spec: str, options: SourceOptions, words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        open_source(spec, options)
