@@ -1,0 +1,1 @@
+"""Marker poses refined from a recorded drive, by bundle adjustment."""
