@@ -17,6 +17,9 @@ from pipeline.variance import AnyVarianceModel, TableVariance
 # Picks x and y from the state [x, vx, y, vy].
 H = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
 
+# Frames out of order are not that far out of it.
+_SET_BACK_NS = 1_000_000_000
+
 
 @dataclass(frozen=True, eq=False)
 class TrackState:
@@ -74,7 +77,8 @@ class ConstantVelocityTracker:
     def step(self, timestamp_ns: int, fix: PoseFix) -> TrackState:
         """Advances to a frame captured at `timestamp_ns` and uses its fix.
 
-        A stamp that is not later than the last one lets no time pass.
+        A stamp that is not later than the latest one lets no time pass. One that is more than a
+        second earlier is of a clock that was set back: time goes on from there.
         """
         dt = self._advance(timestamp_ns)
         if self._started and dt > 0:
@@ -101,7 +105,8 @@ class ConstantVelocityTracker:
             self._timestamp_ns = timestamp_ns
             return 0.0
         passed_ns = max(timestamp_ns - self._timestamp_ns, 0)
-        self._timestamp_ns += passed_ns
+        set_back = self._timestamp_ns - timestamp_ns > _SET_BACK_NS
+        self._timestamp_ns = timestamp_ns if set_back else self._timestamp_ns + passed_ns
         return passed_ns * 1e-9
 
     def _state(

@@ -10,15 +10,9 @@ from recorder.attachments import check_image_size, merge_attachments
 from recorder.errors import InputError
 from recorder.image_header import read_header
 from recorder.log import topics
+from recorder.log.counts import said_counts
 from recorder.log.reader import LogImage, LogReader
 from recorder.log.writer import DiskFullError, LogWriter
-
-# The topics for viewers that an attachment gives.
-_SHOWN_ON = {
-    topics.CAMERA_FILE: {topics.CALIBRATION},
-    topics.MAP_FILE: {topics.TRANSFORMS},
-    **{name: {topics.TRUTH_PATH, topics.TRUTH_POSE} for name in topics.TRUTH_FILES},
-}
 
 
 def attach(log: Path, out: Path, given: Mapping[str, bytes], *, force: bool = False) -> None:
@@ -34,7 +28,8 @@ def attach(log: Path, out: Path, given: Mapping[str, bytes], *, force: bool = Fa
         attachments = merge_attachments(reader.attachments, given)
         _check_size(reader, given)
         own = topics.SESSION in reader.metadata
-        left_out = topics.DERIVED if own else set[str]().union(*(_SHOWN_ON[n] for n in given))
+        shown = set[str]().union(*(topics.SHOWN_ON.get(name, ()) for name in given))
+        left_out = topics.DERIVED if own else shown
         session = reader.metadata.get(topics.SESSION, {"source": log.name})
         try:
             with LogWriter(out, attachments=attachments, session=session, force=force) as writer:
@@ -54,8 +49,10 @@ def attach(log: Path, out: Path, given: Mapping[str, bytes], *, force: bool = Fa
                             writer.copy(schema, channel, message)
                     # Only now: a log without its index has them at its end.
                     end = reader.metadata.get(topics.SESSION_END, {})
-                    dropped = end.get("frames_dropped", "0")
-                    writer.end_as(reader.ending, frames_dropped=dropped)
+                    counts = {name: str(n) for name, n in said_counts(end).items()}
+                    for counted_here in ("frames_written", "events"):
+                        counts.pop(counted_here, None)
+                    writer.end_as(reader.ending, **counts)
                 except BaseException:
                     writer.discard()
                     raise

@@ -1,4 +1,4 @@
-"""Format and size of a compressed image from its first bytes, without decoding it."""
+"""Format and size of a compressed image from its first bytes, and its end, without decoding it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import NamedTuple
 # Start-of-frame markers of JPEG; C4, C8 and CC in between are other segments.
 _JPEG_SOF = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_BARE = frozenset(range(0xD0, 0xD9)) | {0x01}
+_JPEG_END = b"\xff\xd9"
+_JPEG_APPENDED = 4096
 
 
 class ImageHeader(NamedTuple):
@@ -28,6 +30,16 @@ def read_header(data: bytes) -> ImageHeader | None:
     except (struct.error, IndexError):
         pass
     return None
+
+
+def is_cut(data: bytes, format: str) -> bool:
+    """Whether a JPEG or PNG image ends before its end; what cameras append does not count."""
+    if format == "jpeg":
+        # The end-of-image marker cannot be in compressed data, only in a thumbnail at the start.
+        return data[-2:] != _JPEG_END and data.rfind(_JPEG_END, -_JPEG_APPENDED) < 0
+    if format == "png":
+        return data[-8:-4] != b"IEND"
+    return False
 
 
 def _jpeg(data: bytes) -> ImageHeader | None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
+from recorder.bench.marks import marks_text
 from recorder.info import LogInfo, TruthInfo
+from recorder.quantities import size_text
 
 _SHOWN = 10
 
@@ -19,6 +21,7 @@ def info_text(info: LogInfo) -> str:
         ("camera", _camera(info)),
         ("map", _map(info)),
         ("truth", _truth(info.truth)),
+        ("marks", marks_text(info.marks)),
         ("events", ", ".join(f"{n} {level}" for level, n in info.events_by_level.items())),
     ]
     gaps = info.images.gaps
@@ -39,16 +42,6 @@ def info_text(info: LogInfo) -> str:
     rows += sorted(info.session.items())
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {text}" for name, text in rows if text)
-
-
-def size_text(size: int) -> str:
-    """Bytes in the unit that suits."""
-    if size < 1000:
-        return f"{size} B"
-    for unit, scale in (("kB", 1e3), ("MB", 1e6), ("GB", 1e9)):
-        if size < 1000 * scale or unit == "GB":
-            return f"{size / scale:.1f} {unit}"
-    return ""
 
 
 def counted(count: int, noun: str) -> str:
@@ -103,6 +96,7 @@ def _truth(truth: TruthInfo | None) -> str:
     counts = (
         (truth.path_points, "path of {}", "point"),
         (truth.stood_poses, "{} stood at", "pose"),
+        (truth.waypoints, "{}", "waypoint"),
         (truth.trajectory_poses, "trajectory of {}", "pose"),
         (truth.exact_poses, "{}", "exact pose"),
     )

@@ -10,6 +10,8 @@ from types import FrameType
 from typing import Any
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
+_STOPPING = _SIGNALS if _HANGUP is None else (*_SIGNALS, _HANGUP)
 
 
 @contextmanager
@@ -36,22 +38,36 @@ def uninterrupted() -> Iterator[None]:
             _deliver(arrived, before[signal.Signals(arrived)], frame)
 
 
+class StopRequest:
+    """Whether somebody asked to stop."""
+
+    made = False
+
+
 @contextmanager
-def termination_interrupts() -> Iterator[None]:
-    """A request to terminate (`kill`, a service being stopped) is a KeyboardInterrupt inside."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+def stop_requests() -> Iterator[StopRequest]:
+    """Ctrl-C, termination (a service being stopped) and a lost terminal only ask, inside.
 
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
+    What was ignored before (`nohup`) stays ignored.
+    """
+    request = StopRequest()
+    before: dict[signal.Signals, Any] = {}
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    def ask(number: int, frame: FrameType | None) -> None:
+        request.made = True
+
+    if threading.current_thread() is threading.main_thread():
+        for number in _STOPPING:
+            handler = signal.getsignal(number)
+            # One that was not set from Python cannot be put back.
+            if handler not in (None, signal.SIG_IGN):
+                before[number] = handler
+                signal.signal(number, ask)
     try:
-        yield
+        yield request
     finally:
-        if before is not None:
-            signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _deliver(number: int, handler: Any, frame: FrameType | None) -> None:

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import ExitStack
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from recorder.attachments import check_image_size, merge_attachments
+from recorder.capture.disk import DiskGuard
+from recorder.capture.frame_queue import MAX_BYTES, MAX_FRAMES
+from recorder.capture.memory import keep_freed_memory
+from recorder.capture.notes import Notes
+from recorder.capture.parts import PartsWriter, SplitLimit, recording_id
+from recorder.capture.recording import Recording, Status, Stop
+from recorder.capture.sink_thread import FrameSink
+from recorder.capture.source_thread import is_live
 from recorder.errors import InputError
-from recorder.interrupts import termination_interrupts
-from recorder.log import topics
-from recorder.log.writer import DiskFullError, LogWriter
+from recorder.log import ending, topics
+from recorder.log.counts import FrameCounts
+from recorder.log.writer import LogWriter
 from recorder.session import session_metadata
-from recorder.sources.base import CapturedFrame, Source, SourceEvent
+from recorder.sources.base import CapturedFrame, LiveSource, Source
 
-FrameSink = Callable[[CapturedFrame], None]
-Ending = Literal["complete", "interrupted", "disk_full"]
+__all__ = ["FrameSink", "Notes", "RecordSummary", "Status", "record"]
 
 
 @dataclass(frozen=True)
@@ -25,86 +31,160 @@ class RecordSummary:
     """What a recording left.
 
     Attributes:
-        path: the log; it is there unless no frame was written.
+        path: the log, or the first part; it is there unless no frame was written.
+        parts: all logs of the recording.
+        problem: for `failed`, what stopped it; the log has all that came before.
+        counts: of the frames, in all parts.
+        display_dropped: frames that viewers missed.
         duration_s: from the first to the last capture.
         missing: `camera.yaml` and `map.yaml`, where the log has none.
     """
 
     path: Path
-    ended: Ending
-    frames_written: int
-    frames_dropped: int
+    parts: tuple[Path, ...]
+    ended: Stop
+    problem: str | None
+    counts: FrameCounts
+    display_dropped: int
     duration_s: float
     bytes_written: int
     missing: tuple[str, ...]
 
+    @property
+    def frames_written(self) -> int:
+        return self.counts.written
+
+    @property
+    def frames_dropped(self) -> int:
+        return self.counts.dropped
+
 
 def record(
-    source: Source,
+    source: Source | LiveSource,
     out: Path,
     *,
     attachments: Mapping[str, bytes] | None = None,
     session: Mapping[str, str] | None = None,
     force: bool = False,
     sinks: Iterable[FrameSink] = (),
+    duration_s: float | None = None,
+    split: SplitLimit | None = None,
+    min_free_bytes: int = 0,
+    notes: Notes | None = None,
+    on_status: Callable[[Status], None] | None = None,
+    on_written: Callable[[CapturedFrame], None] | None = None,
 ) -> RecordSummary:
     """Write every frame of `source` into the log `out`.
 
-    Ctrl-C, a request to terminate and a full disk stop the recording; the log is finished and
-    kept, unless not one frame is in it.
+    Taking frames, writing and each sink run in threads of their own, so that none holds up what
+    must not wait; of a source that waits, nothing is ever dropped, and its log is always the same.
+    Ctrl-C, a request to terminate, a lost terminal and a disk that fills up stop the recording; the
+    log is finished and kept, unless not one frame is in it.
 
     Args:
         attachments: `camera.yaml`, `map.yaml`, `truth.*` in place of those the source brings.
         session: entries of the session metadata, such as `host`, in place of what is found here.
         force: replace `out` if it exists.
-        sinks: called with each frame once it is in the log: a viewer, a progress bar.
+        sinks: called with frames that are in the log, the newest first; a sink that is too slow for
+            a live source misses some, and one that raises is not called again.
+        duration_s: stop so long after the first frame.
+        split: parts `out`-001, `out`-002, ... of this size.
+        min_free_bytes: stop before there is less space on the disk.
+        notes: events of others, written as they come.
+        on_status: called ten times a second, from this thread.
+        on_written: called with every frame that is in the log, in its order, from the thread that
+            writes it: it must return at once.
 
     Raises:
-        InputError: the source or a file is not what was expected; no log is left behind.
+        InputError: the source or a file is not what was expected; no log is left behind, unless it
+            holds frames of a live source.
     """
+    live = is_live(source)
     files = merge_attachments(source.attachments, attachments or {})
     if topics.CAMERA_FILE in files:
         check_image_size(files[topics.CAMERA_FILE], source.image_size, source.name)
     told = {**session_metadata(source), **(session or {})}
-    sinks = tuple(sinks)
-    ended: Ending = "complete"
-    first_ns = last_ns = 0
-    with ExitStack() as stack:
-        stack.enter_context(termination_interrupts())
-        writer = stack.enter_context(LogWriter(out, attachments=files, session=told, force=force))
-        frames = source.frames()
-        if close := getattr(frames, "close", None):
-            stack.callback(close)
-        try:
-            for item in frames:
-                if isinstance(item, SourceEvent):
-                    writer.write_event(
-                        item.timestamp_ns, item.level, item.message, dropped=item.dropped
-                    )
-                    continue
-                writer.write_frame(item)
-                first_ns = item.timestamp_ns if writer.frames_written == 1 else first_ns
-                last_ns = item.timestamp_ns
-                for sink in sinks:
-                    sink(item)
-        except KeyboardInterrupt:
-            ended = "interrupted"
-        except DiskFullError:
-            ended = "disk_full"
-        except InputError:
-            writer.discard()
-            raise
-        writer.end_as(ended)
-        if not writer.frames_written:
+    if live:
+        queue = f"{MAX_FRAMES} frames, {MAX_BYTES >> 20} MiB"
+        keep_freed_memory()
+        told = {topics.LIVE: "yes", topics.QUEUE: queue, **told}
+    guard = DiskGuard(out.parent, min_free_bytes)
+    guard.check_start(out)
+    recording = Recording(
+        source, sinks=tuple(sinks), duration_s=duration_s, notes=notes, on_written=on_written
+    )
+
+    def open_part(path: Path, more: Mapping[str, str], before: LogWriter | None) -> LogWriter:
+        return LogWriter(
+            path,
+            attachments=files,
+            session={**told, **more},
+            force=force and split is None,
+            live=live,
+            continues=before,
+        )
+
+    writer = PartsWriter(
+        out,
+        open_part,
+        limit=split,
+        recording=recording_id(told, files, live) if split else "",
+        display_dropped=lambda: recording.display_dropped,
+    )
+    try:
+        ended, error = recording.run(writer, guard, on_status)
+    except BaseException as mistake:
+        writer.end_as(ending.after(mistake))
+        writer.close()
+        raise
+    problem = None
+    try:
+        if error is not None:
+            problem = _give_up(writer, error, live=live)
+        elif not writer.counts.written:
             writer.discard()
             if ended == "complete":
                 raise InputError(source.name, "expected images, found none that can be read")
+        else:
+            writer.end_as(ended)
+            writer.close()
+    except OSError as failure:
+        ended, problem = "failed", _write_problem(writer, failure)
     return RecordSummary(
-        path=out,
+        path=writer.paths[0],
+        parts=tuple(writer.paths),
         ended=ended,
-        frames_written=writer.frames_written,
-        frames_dropped=writer.frames_dropped,
-        duration_s=(last_ns - first_ns) / 1e9,
+        problem=problem,
+        counts=writer.counts,
+        display_dropped=recording.display_dropped,
+        duration_s=writer.duration_s,
         bytes_written=writer.bytes_written,
         missing=tuple(n for n in (topics.CAMERA_FILE, topics.MAP_FILE) if n not in files),
+    )
+
+
+def _give_up(writer: PartsWriter, error: BaseException, *, live: bool) -> str:
+    """Ends a recording that failed; returns why.
+
+    What can be had again from its source is not left half; what cannot is kept.
+    """
+    if not writer.counts.written or (isinstance(error, InputError) and not live):
+        writer.discard()
+        raise error
+    writer.end_as(ending.after(error))
+    if isinstance(error, OSError):
+        with suppress(OSError):
+            writer.close()
+        return _write_problem(writer, error)
+    writer.close()
+    if not isinstance(error, InputError):
+        raise error
+    return str(error)
+
+
+def _write_problem(writer: PartsWriter, error: OSError) -> str:
+    reason = (error.strerror or str(error)).lower()
+    return (
+        f"{writer.log.written_to}: expected to go on writing, found: {reason}; what is in it can "
+        "be read, and `arucolog recover` gives it its end"
     )

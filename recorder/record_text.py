@@ -1,21 +1,45 @@
-"""What `arucolog record` says at the end."""
+"""What `arucolog record` says while it runs and at the end."""
 
 from __future__ import annotations
 
-from recorder.info_text import counted, size_text
+from typing import TYPE_CHECKING
+
+from recorder.info_text import counted
 from recorder.log import topics
-from recorder.record import RecordSummary
+from recorder.quantities import size_text
+
+if TYPE_CHECKING:
+    from recorder.capture.recording import Status
+    from recorder.log.counts import FrameCounts
+    from recorder.record import RecordSummary
 
 _OPTIONS = {topics.CAMERA_FILE: "--camera", topics.MAP_FILE: "--map"}
+
+
+def status_text(status: Status) -> str:
+    """One line on how the recording stands, beside the number of frames and their rate."""
+    counts = status.counts
+    parts = [f"dropped {counts.dropped}", f"late {counts.late}", f"corrupt {counts.corrupt}"]
+    if counts.stamped_back:
+        parts.append(f"stamped back {counts.stamped_back}")
+    if status.display_dropped:
+        parts.append(f"not shown {status.display_dropped}")
+    parts.append(f"queue {status.queued_frames}")
+    parts.append(size_text(status.bytes_written))
+    parts.append(f"{size_text(status.free_bytes)} free")
+    return ", ".join(parts)
 
 
 def summary_text(summary: RecordSummary) -> str:
     """One line on the log, and one on what a replay will ask for."""
     if not summary.frames_written:
         return "nothing recorded"
+    logs = str(summary.path)
+    if len(summary.parts) > 1:
+        logs += f" to {summary.parts[-1].name}"
     lines = [
-        f"{summary.path}: {counted(summary.frames_written, 'frame')}, {summary.duration_s:.3f} s, "
-        f"{size_text(summary.bytes_written)}, {summary.frames_dropped} dropped"
+        f"{logs}: {counted(summary.frames_written, 'frame')}, {summary.duration_s:.3f} s, "
+        f"{size_text(summary.bytes_written)}, {_faults(summary.counts)}"
     ]
     if summary.missing:
         options = " and ".join(_OPTIONS[name] for name in summary.missing)
@@ -30,5 +54,23 @@ def ending_text(summary: RecordSummary) -> str | None:
             " The log is complete up to here." if summary.frames_written else ""
         )
     if summary.ended == "disk_full":
-        return f"Error: {summary.path}: the disk is full; the log is complete up to here"
+        return f"Error: {summary.parts[-1]}: the disk is full; the log is complete up to here"
+    if summary.ended == "disk_low":
+        return (
+            f"Error: {summary.parts[-1]}: the disk is nearly full (--min-free); the log is "
+            "complete up to here"
+        )
+    if summary.ended == "failed":
+        return f"Error: {summary.problem}"
     return None
+
+
+def _faults(counts: FrameCounts) -> str:
+    """The dropped always: that there are none is what one wants to read."""
+    parts = [f"{counts.dropped} dropped"]
+    others = {
+        "late": counts.late,
+        "corrupt": counts.corrupt,
+        "with a stamp that jumps back": counts.stamped_back,
+    }
+    return ", ".join(parts + [f"{n} {what}" for what, n in others.items() if n])

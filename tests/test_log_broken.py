@@ -70,14 +70,22 @@ def test_zeros_after_a_power_loss_end_the_log(tmp_path: Path) -> None:
     assert log.attachments.keys() == attachments().keys()
 
 
-def test_a_damaged_chunk_ends_the_log(tmp_path: Path) -> None:
+def test_a_damaged_chunk_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     frames, data = frames_of(path)
     where = data.index(frames[33].data) + 2000
     path.write_bytes(data[:where] + bytes([data[where] ^ 1]) + data[where + 1 :])
-    log = assert_prefix(path, frames)
-    assert len(images(log)) == 30
-    assert log.cut_short == "cut short after 30 frames: a chunk's checksum is wrong"
+    with LogReader(path) as log:
+        found = images(log)
+    # A chunk holds half a second, five frames.
+    assert [image.frame_index for image in found] == [*range(30), *range(35, 60)]
+    assert all(same_image(image, frames[image.frame_index]) for image in found)
+    assert log.cut_short is None
+    (damage,) = log.damage
+    assert damage.reason == "a chunk's checksum is wrong"
+    assert damage.after_frames == 30
+    assert damage.offset < where < damage.offset + damage.size
+    assert log.shortfall == f"damaged: {damage}"
 
 
 def test_no_damage_breaks_the_reader(tmp_path: Path) -> None:

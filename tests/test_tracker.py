@@ -162,6 +162,15 @@ def test_stamps_that_jump_back_let_no_time_pass() -> None:
         np.testing.assert_array_equal(a.P, b.P)
 
 
+def test_time_goes_on_behind_a_clock_that_was_set_back() -> None:
+    hour_ns = 3600 * 10**9
+    forward = tracked(ConstantVelocity().build(), [0, 10**8, 10**8, 2 * 10**8, 3 * 10**8])
+    stamps = [hour_ns, hour_ns + 10**8, 0, 10**8, 2 * 10**8]
+    for a, b in zip(forward, tracked(ConstantVelocity().build(), stamps), strict=True):
+        np.testing.assert_array_equal(a.x, b.x)
+        np.testing.assert_array_equal(a.P, b.P)
+
+
 def test_nis_is_chi2_when_the_model_is_true() -> None:
     """Consistency: data drawn from the filter's own model has a mean NIS of 2 within its band."""
     rng = np.random.default_rng(11)

@@ -14,7 +14,7 @@ from pipeline.geometry import Pose, rotation_z
 from pipeline.markers import MarkerMap
 from recorder.files.camera_file import parse_camera
 from recorder.files.map_file import parse_map
-from recorder.files.truth_file import Trajectory, Truth, check_frame, parse_truth
+from recorder.files.truth_file import Truth, check_frame, parse_truth
 from recorder.log import messages, topics
 
 if TYPE_CHECKING:
@@ -86,15 +86,16 @@ def _path(truth: Truth) -> list[Pose]:
     if truth.trajectory is not None:
         count = len(truth.trajectory)
         chosen = np.unique(np.linspace(0, count - 1, min(count, _MAX_PATH_POSES)).astype(int))
-        return [_trajectory_pose(truth.trajectory, i) for i in chosen.tolist()]
+        return [truth.trajectory.pose_to_draw(i) for i in chosen.tolist()]
     return []
 
 
 class DueTruth:
     """Hands out the measured poses as the log reaches their times."""
 
-    def __init__(self, truth: Truth | None) -> None:
-        self._start_ns: int | None = None
+    def __init__(self, truth: Truth | None, start_ns: int | None = None) -> None:
+        """`start_ns`: from which its seconds count; None: from the first frame."""
+        self._start_ns = start_ns
         self._stood = sorted(truth.poses, key=lambda p: p.from_s) if truth else []
         self._trajectory = truth.trajectory if truth else None
         self._next_stood = 0
@@ -123,8 +124,4 @@ class DueTruth:
             self._next += 1
             if stamps[i] >= first:
                 due_ns = timestamp_ns if trajectory.timestamp_ns is None else int(stamps[i])
-                yield due_ns, _trajectory_pose(trajectory, i)
-
-
-def _trajectory_pose(trajectory: Trajectory, i: int) -> Pose:
-    return Pose.from_quat(trajectory.positions_m[i], trajectory.quats_xyzw[i])
+                yield due_ns, trajectory.pose_to_draw(i)

@@ -5,10 +5,14 @@ from __future__ import annotations
 import errno
 import os
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
 _STEP = 1 << 20
+
+# Contents and size without the times of the file: half the work, where there is the choice.
+fdatasync = getattr(os, "fdatasync", os.fsync)
 
 
 class DiskFullError(Exception):
@@ -74,6 +78,7 @@ class LogFile:
 
         Raises:
             DiskFullError: not even the reserve was enough; the file ends where it ended before.
+            OSError: it cannot be written; where that is still possible, the file ends likewise.
         """
         start = self._position
         view = memoryview(data)
@@ -82,6 +87,9 @@ class LogFile:
                 written = self._raw.write(view) or 0
             except OSError as error:
                 if not _is_full(error):
+                    with suppress(OSError):
+                        self._raw.truncate(start)
+                    self._position = start
                     raise
                 if self.full:
                     self._raw.truncate(start)
@@ -100,9 +108,39 @@ class LogFile:
     def flush(self) -> None:
         """Nothing to do: nothing is buffered here."""
 
+    def sync(self) -> None:
+        """Wait until what was written is on the disk; from any thread.
+
+        Raises:
+            OSError: it could not be put there.
+        """
+        fileno = getattr(self._raw, "fileno", None)
+        if fileno is not None:
+            fdatasync(fileno())
+
+    def is_at(self, path: Path) -> bool:
+        """Whether `path` still is this file: nobody removed, moved or replaced it."""
+        fileno = getattr(self._raw, "fileno", None)
+        if fileno is None:
+            return True
+        try:
+            return os.path.samestat(os.stat(path), os.fstat(fileno()))
+        except OSError:
+            return False
+
     def close(self) -> None:
         self.release()
         self._raw.close()
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the names in `folder` are on the disk, where the system can do that."""
+    with suppress(OSError):
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
 
 
 def _allocate(file: BinaryIO, start: int, size: int) -> None:

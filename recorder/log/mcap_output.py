@@ -27,7 +27,8 @@ _MESSAGE_BYTES = 64
 class McapOutput:
     """Chunks of at most 1 MiB (and one message) or half a second of log time, CRCs, uncompressed.
 
-    Log time and not the clock closes chunks: the same messages give the same bytes.
+    Log time and not the clock closes chunks, unless `flush` is called: the same messages give the
+    same bytes.
     Each method may raise DiskFullError: what it was given is not in the file then, unless `full`.
     """
 
@@ -57,6 +58,33 @@ class McapOutput:
     @property
     def bytes_written(self) -> int:
         return self._file.tell()
+
+    @property
+    def bytes_ahead(self) -> int:
+        """What the file would have, at most, if it were finished now."""
+        return self._file.tell() + self._pending_bytes + self._summary()
+
+    @property
+    def has_open_chunk(self) -> bool:
+        """There are messages that are not in the file yet."""
+        return self._chunk_start_ns is not None
+
+    def flush(self) -> None:
+        """Close the open chunk."""
+        if self.has_open_chunk and not self._broken:
+            self._close_chunk()
+
+    def sync(self) -> None:
+        """Wait until what is in the file is on the disk; from any thread.
+
+        Raises:
+            OSError: it could not be put there.
+        """
+        self._file.sync()
+
+    def is_at(self, path: Path) -> bool:
+        """Whether `path` still is the file that is being written."""
+        return self._file.is_at(path)
 
     def add_attachment(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
         self._reserve(len(data) + 1024)
@@ -116,10 +144,9 @@ class McapOutput:
         self, channel_id: int, data: bytes, log_time: int, publish_time: int, sequence: int
     ) -> None:
         start_ns = self._chunk_start_ns
-        if start_ns is not None and log_time - start_ns >= _CHUNK_NS:
-            with self._whole():
-                self._writer.flush()  # type: ignore[no-untyped-call]
-            self._chunk_closed()
+        # A clock that was set back closes it as well.
+        if start_ns is not None and abs(log_time - start_ns) >= _CHUNK_NS:
+            self._close_chunk()
         self._reserve(len(data) + _MESSAGE_BYTES)
         if self._chunk_start_ns is None:
             self._chunk_start_ns = log_time
@@ -129,6 +156,11 @@ class McapOutput:
         self._pending_bytes += len(data) + _MESSAGE_BYTES
         if self._file.tell() != before:
             self._chunk_closed()
+
+    def _close_chunk(self) -> None:
+        with self._whole():
+            self._writer.flush()  # type: ignore[no-untyped-call]
+        self._chunk_closed()
 
     def _chunk_closed(self) -> None:
         self._chunks += 1
@@ -143,8 +175,10 @@ class McapOutput:
         return self._schemas[key]
 
     def _reserve(self, more: int) -> None:
-        summary = self._summary_bytes + _SUMMARY_BYTES_PER_CHUNK * (self._chunks + 2)
-        self._file.ensure(self._pending_bytes + more + summary)
+        self._file.ensure(self._pending_bytes + more + self._summary())
+
+    def _summary(self) -> int:
+        return self._summary_bytes + _SUMMARY_BYTES_PER_CHUNK * (self._chunks + 2)
 
     @contextmanager
     def _whole(self) -> Iterator[None]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from io import BytesIO
 from typing import BinaryIO
 
@@ -23,6 +23,7 @@ from mcap.records import (
     Attachment,
     Channel,
     Chunk,
+    ChunkIndex,
     Footer,
     McapRecord,
     Message,
@@ -34,7 +35,12 @@ from mcap.records import (
 from mcap.stream_reader import CRCValidationError, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
-_HEAD = struct.Struct("<BQ")
+from recorder.log.damage import CHUNK_OVERHEAD, RECORD_HEAD, Damage, resume_at
+
+_HEAD = RECORD_HEAD
+_END_SIZES = {int(Opcode.DATA_END): 4, int(Opcode.FOOTER): 20}
+# Opcodes from here on are for anyone's own records; below, the specification has no others.
+_PRIVATE = 0x80
 _FOOTER_SIZE = _HEAD.size + 20 + len(MCAP0_MAGIC)
 # What a damaged or cut record can do to mcap's parsers.
 _DAMAGE = (McapError, ValueError, struct.error, EOFError, MemoryError, RuntimeError)
@@ -44,34 +50,57 @@ class DamagedError(Exception):
     """The file cannot be read on from here; its text is the reason in a few words."""
 
 
-def data_records(file: BinaryIO) -> Iterator[McapRecord]:
+def data_records(file: BinaryIO, on_damage: Callable[[Damage], None]) -> Iterator[McapRecord]:
     """Attachments, metadata, schemas, channels and messages up to the end of the data section.
 
     Chunks are opened one at a time, their CRCs checked; `file` is just behind the magic.
 
+    Args:
+        on_damage: called with each piece that is not as it was written, before what follows it.
+
     Raises:
-        DamagedError: the file ends, or is not as it was written, before the data section does.
+        DamagedError: the file ends before the data section does.
     """
     size = os.fstat(file.fileno()).st_size
     while True:
-        opcode, body = _next_record(file, size)
-        if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-            return
+        at = file.tell()
         try:
-            if opcode == Opcode.CHUNK:
-                yield from breakup_chunk(Chunk.read(_stream(body)), validate_crc=True)
-                continue
-            record = _parse(opcode, body)
-        except CRCValidationError as error:
-            raise DamagedError("a chunk's checksum is wrong") from error
-        except _DAMAGE as error:
-            raise DamagedError(f"unreadable data: {error}") from error
-        if record is not None:
-            yield record
+            opcode, body = _next_record(file, size)
+            if _END_SIZES.get(opcode) == len(body):
+                return
+            records = _contents(opcode, body)
+        except DamagedError as error:
+            behind = resume_at(file, at, size)
+            if behind is None:
+                raise
+            on_damage(Damage(at, behind - at, str(error)))
+            file.seek(behind)
+            continue
+        yield from records
+
+
+def _contents(opcode: int, body: bytes) -> Iterable[McapRecord]:
+    if opcode in _END_SIZES or (opcode > max(Opcode) and opcode < _PRIVATE):
+        raise DamagedError("unreadable data")
+    try:
+        if opcode == Opcode.CHUNK:
+            chunk = Chunk.read(_stream(body))
+            if len(body) != CHUNK_OVERHEAD + len(chunk.compression) + len(chunk.data):
+                raise DamagedError("a chunk's length is wrong")
+            return breakup_chunk(chunk, validate_crc=True)
+        record = _parse(opcode, body)
+    except CRCValidationError as error:
+        raise DamagedError("a chunk's checksum is wrong") from error
+    except _DAMAGE as error:
+        raise DamagedError(f"unreadable data: {error}") from error
+    return () if record is None else (record,)
 
 
 def summary_records(file: BinaryIO) -> Iterator[McapRecord]:
-    """Channels, statistics and, from all over the file, metadata; nothing if it has no good end."""
+    """Schemas, channels, statistics, chunk indices and, from all over the file, metadata.
+
+    Nothing if the file has no good end.
+    """
     size = os.fstat(file.fileno()).st_size
     if size < 2 * len(MCAP0_MAGIC) + _FOOTER_SIZE:
         return
@@ -100,15 +129,48 @@ def _summary(file: BinaryIO, summary: bytes, size: int) -> Iterator[McapRecord]:
         opcode, length = _HEAD.unpack_from(summary, at)
         body = _stream(summary[at + _HEAD.size : at + _HEAD.size + length])
         at += _HEAD.size + length
-        if opcode == Opcode.CHANNEL:
+        if opcode == Opcode.SCHEMA:
+            yield Schema.read(body)
+        elif opcode == Opcode.CHANNEL:
             yield Channel.read(body)
         elif opcode == Opcode.STATISTICS:
             yield Statistics.read(body)
+        elif opcode == Opcode.CHUNK_INDEX:
+            yield ChunkIndex.read(body)
         elif opcode == Opcode.METADATA_INDEX:
             file.seek(MetadataIndex.read(body).offset)
             found, content = _next_record(file, size)
             if found == Opcode.METADATA:
                 yield Metadata.read(_stream(content))
+
+
+def index_problem(file: BinaryIO) -> str | None:
+    """What is wrong with a file's index of chunks, in words; None for a good one."""
+    size = os.fstat(file.fileno()).st_size
+    indexed = {r.chunk_start_offset: r for r in summary_records(file) if isinstance(r, ChunkIndex)}
+    found = 0
+    file.seek(len(MCAP0_MAGIC))
+    while True:
+        at = file.tell()
+        head = file.read(_HEAD.size)
+        if len(head) < _HEAD.size:
+            return "no end"
+        opcode, length = _HEAD.unpack(head)
+        if opcode == Opcode.DATA_END:
+            break
+        if opcode == Opcode.CHUNK:
+            entry = indexed.get(at)
+            if entry is None:
+                return f"the chunk at byte {at} is not in it"
+            if entry.chunk_length != _HEAD.size + length:
+                return f"another length than that of the chunk at byte {at}"
+            found += 1
+        if at + _HEAD.size + length > size:
+            return f"the record at byte {at} is longer than the file"
+        file.seek(at + _HEAD.size + length)
+    if found != len(indexed):
+        return f"{len(indexed) - found} chunks that are not there"
+    return None
 
 
 def _next_record(file: BinaryIO, size: int) -> tuple[int, bytes]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -26,6 +26,7 @@ from pipeline.markers import MarkerMap
 from recorder.errors import InputError
 from recorder.files.truth_file import Truth
 from recorder.log import ending, messages, topics
+from recorder.log.damage import Damage, damage_text
 from recorder.log.derived import Known
 from recorder.log.mcap_records import DamagedError, data_records, summary_records
 
@@ -80,16 +81,16 @@ LogRecord = LogImage | ExactPose | LogEvent
 class LogReader:
     """One log, read in the order of the file with the memory of one chunk.
 
-    A log that was cut short is read up to its last whole chunk; so is one with a damaged chunk.
+    A log that was cut short is read up to its last whole chunk; damaged pieces are left out.
 
     Attributes:
         attachments: name and bytes, of those before the first image.
         metadata: records by name; those behind the images too where the log has its index, else
             once `records` or `messages` has run to its end.
         start_ns: capture time of the first image, from which the seconds of the log count; None
-            for a log without images.
+            for a log without images. In a part of a recording, that of the first part.
         cut_short: once `records` or `messages` has run to its end: why and where the log ends
-            before its end; None for a whole one.
+            before its end; None for one that has it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -100,11 +101,15 @@ class LogReader:
         """
         self.path = path
         self.cut_short: str | None = None
+        self._damage: list[Damage] = []
         self.start_ns: int | None = None
         self._attachments: dict[str, bytes] = {}
         self._metadata: dict[str, dict[str, str]] = {}
         self._calibration: Camera | None = None
         self._image_count: int | None = None
+        # As the log's end repeats them: the first chunk, which has them too, may be damaged.
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
         with self._open() as file:
             self._read_summary(file)
         # `messages` comes by the damage again and says so.
@@ -144,14 +149,19 @@ class LogReader:
         return self._known.truth
 
     @property
+    def damage(self) -> tuple[Damage, ...]:
+        """The pieces that were left out; known once `records` or `messages` has run to its end."""
+        return tuple(self._damage)
+
+    @property
     def ending(self) -> str:
-        """`cut_short`, else what the log says: complete, interrupted, disk_full or `error: ...`.
+        """`cut_short` and `damage`, else what the log says: see `recorder.log.ending`.
 
         Known once `records` or `messages` has run to its end. A copy says how its original ended.
         """
-        return self.cut_short or self._metadata.get(topics.SESSION_END, {}).get(
-            "ended", ending.COMPLETE
-        )
+        faults = [text for text in (damage_text(self._damage), self.cut_short) if text]
+        said = self._metadata.get(topics.SESSION_END, {}).get("ended", ending.COMPLETE)
+        return "; ".join(faults) or said
 
     @property
     def shortfall(self) -> str | None:
@@ -159,7 +169,16 @@ class LogReader:
 
         Known when `ending` is.
         """
-        return ending.shortfall(self.ending)
+        found = [ending.shortfall(self.ending), self.missing_parts]
+        return "; ".join(filter(None, found)) or None
+
+    @property
+    def missing_parts(self) -> str | None:
+        """Which parts before this one are not here, in words; None for the first or only one."""
+        part = self._metadata.get(topics.SESSION, {}).get(topics.PART, "1")
+        if part == "1":
+            return None
+        return f"part {part} of a recording, without those before it"
 
     def image_count(self) -> int | None:
         """How many images there are; None where only a full pass can tell."""
@@ -217,13 +236,17 @@ class LogReader:
 
     def messages(self) -> Iterator[tuple[Schema | None, Channel, Message]]:
         """Every message of every topic, undecoded, in the order of the file."""
-        schemas: dict[int, Schema] = {}
-        channels: dict[int, Channel] = {}
+        schemas, channels = dict(self._schemas), dict(self._channels)
         frames = 0
         self.cut_short = None
+        self._damage.clear()
+
+        def note(damage: Damage) -> None:
+            self._damage.append(replace(damage, after_frames=frames))
+
         with self._open() as file:
             try:
-                for record in data_records(file):
+                for record in data_records(file, note):
                     if isinstance(record, Schema):
                         schemas[record.id] = record
                     elif isinstance(record, Channel):
@@ -234,7 +257,8 @@ class LogReader:
                     elif isinstance(record, Message):
                         channel = channels.get(record.channel_id)
                         if channel is None:
-                            raise DamagedError("a message without its channel")
+                            note(Damage(file.tell(), len(record.data), "a message of no channel"))
+                            continue
                         yield schemas.get(channel.schema_id), channel, record
                         frames += channel.topic == topics.IMAGE
             except DamagedError as error:
@@ -267,9 +291,8 @@ class LogReader:
         return file
 
     def _read_start(self, file: BinaryIO) -> None:
-        schemas: dict[int, Schema] = {}
-        channels: dict[int, Channel] = {}
-        for record in data_records(file):
+        schemas, channels = dict(self._schemas), dict(self._channels)
+        for record in data_records(file, lambda _: None):
             if isinstance(record, Attachment):
                 self._attachments[record.name] = record.data
             elif isinstance(record, Metadata):
@@ -282,7 +305,8 @@ class LogReader:
             elif isinstance(record, Message) and record.channel_id in channels:
                 topic = channels[record.channel_id].topic
                 if topic == topics.IMAGE:
-                    self.start_ns = record.publish_time
+                    said = self._metadata.get(topics.SESSION, {}).get(topics.RECORDING_START, "")
+                    self.start_ns = int(said) if said.isdecimal() else record.publish_time
                     return
                 if topic == topics.CALIBRATION and self._calibration is None:
                     calibration = self._decode(CameraCalibration, topic, record)
@@ -292,19 +316,19 @@ class LogReader:
                         raise InputError(self.path, str(error), topic) from error
 
     def _read_summary(self, file: BinaryIO) -> None:
-        topic_of: dict[int, str] = {}
         counts: Mapping[int, int] | None = None
         for record in summary_records(file):
-            if isinstance(record, Channel):
-                topic_of[record.id] = record.topic
+            if isinstance(record, Schema):
+                self._schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self._channels[record.id] = record
             elif isinstance(record, Metadata):
                 self._metadata[record.name] = record.metadata
             elif isinstance(record, Statistics):
                 counts = record.channel_message_counts
         if counts is not None:
-            self._image_count = sum(
-                n for channel, n in counts.items() if topic_of.get(channel) == topics.IMAGE
-            )
+            images = {c.id for c in self._channels.values() if c.topic == topics.IMAGE}
+            self._image_count = sum(n for channel, n in counts.items() if channel in images)
 
     def _check_schema(self, channel: Channel, schema: Schema | None) -> None:
         expected = _SCHEMAS.get(channel.topic)

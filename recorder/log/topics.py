@@ -24,3 +24,19 @@ MAP_FRAME = "map"  # the name where no map gives one
 
 SESSION = "session"
 SESSION_END = "session_end"
+
+# Which of them an attachment gives.
+SHOWN_ON = {
+    CAMERA_FILE: {CALIBRATION},
+    MAP_FILE: {TRANSFORMS},
+    **{name: {TRUTH_PATH, TRUTH_POSE} for name in TRUTH_FILES},
+}
+
+# In the session of a source that does not wait.
+LIVE = "live"
+QUEUE = "queue"
+
+# In the session of a part of a recording that was split.
+RECORDING = "recording"
+RECORDING_START = "recording_start_ns"
+PART = "part"

@@ -11,15 +11,19 @@ from typing import Self
 from mcap.records import Channel, Message, Schema
 
 from recorder.errors import InputError
-from recorder.image_header import read_header
 from recorder.interrupts import uninterrupted
 from recorder.log import ending, messages, topics
+from recorder.log.counts import FrameCounts
 from recorder.log.derived import DueTruth, Known, static_messages
-from recorder.log.log_file import DiskFullError, RawFile
+from recorder.log.journal import FrameJournal
+from recorder.log.log_file import DiskFullError, RawFile, sync_folder
 from recorder.log.mcap_output import McapOutput
+from recorder.log.part_file import open_target, target_of
 from recorder.sources.base import CapturedFrame
 
 __all__ = ["DiskFullError", "LogWriter"]
+
+RECORDER = "recorder"
 
 
 class LogWriter:
@@ -29,11 +33,11 @@ class LogWriter:
     passes on. Frames go straight into `path`, so that a recording that is killed is found where it
     was expected, readable up to its last chunk. Only when `path` exists and `force` is given do
     they go into `path` with `.part` added, which takes the place of `path` at the end: until then
-    the old log is the better one.
+    the old log is the better one, and if an error ends the new one it stays so.
 
     Attributes:
-        frames_written: frames accepted so far.
-        frames_dropped: gaps in the frame numbers, and losses the source announced.
+        counts: of the frames so far.
+        written_to: the file itself: `path`, or the one beside it.
     """
 
     def __init__(
@@ -43,7 +47,9 @@ class LogWriter:
         attachments: Mapping[str, bytes],
         session: Mapping[str, str],
         force: bool = False,
+        live: bool = False,
         started_ns: int = 0,
+        continues: LogWriter | None = None,
         open_raw: Callable[[Path], RawFile] | None = None,
     ) -> None:
         """Opens the log and writes attachments and session.
@@ -52,29 +58,35 @@ class LogWriter:
             attachments: name and exact bytes; those named `camera.yaml`, `map.yaml`, `truth.*` are
                 checked, and shown on the topics for viewers.
             session: what goes into the metadata of that name.
+            live: frames come once: late ones are counted, one of another size is kept as corrupt,
+                and the log is on the disk when it is closed.
             started_ns: time of the attachments; 0 keeps recordings of one file identical.
+            continues: the part of the same recording before this one.
             open_raw: makes the unbuffered file.
 
         Raises:
             InputError: the file exists, cannot be made, or an attachment is malformed.
         """
         self._known = Known.parse(attachments)
-        self._due_truth = DueTruth(self._known.truth)
-        self._image_size: tuple[int, int] | None = None
-        if self._known.camera is not None:
-            self._image_size = self._known.camera.image_size
+        self._live = live
         self._begun = False
-        self._last_index: int | None = None
-        self._announced_dropped = 0
         self._closed = False
         self._discarded = False
         self._end: dict[str, str] = {}
         self._events_written = 0
-        self.frames_written = 0
-        self.frames_dropped = 0
         self.path = path
-        self._target = _target(path, force)
-        raw = _open(open_raw or _open_raw, self._target)
+        if continues is None:
+            said = session.get(topics.RECORDING_START, "")
+            start_ns = int(said) if said.isdecimal() else None
+            self._due_truth = DueTruth(self._known.truth, start_ns)
+            camera = self._known.camera
+            size = camera.image_size if camera is not None else None
+            self._journal = FrameJournal(live=live, calibrated_size=size)
+        else:
+            self._due_truth, self._journal = continues._due_truth, continues._journal
+        self.counts = FrameCounts()
+        self.written_to = target_of(path, force)
+        raw = open_target(open_raw, self.written_to)
         try:
             self._output = McapOutput(raw, path.parent)
             for name, data in attachments.items():
@@ -83,45 +95,77 @@ class LogWriter:
             self._check_space()
         except BaseException as error:
             raw.close()
-            self._target.unlink(missing_ok=True)
+            self.written_to.unlink(missing_ok=True)
             if isinstance(error, DiskFullError):
                 raise InputError(path, "expected some space, found a full disk") from error
             raise
+        if live:
+            sync_folder(path.parent)
+
+    @property
+    def frames_written(self) -> int:
+        return self.counts.written
+
+    @property
+    def frames_dropped(self) -> int:
+        return self.counts.dropped
 
     @property
     def bytes_written(self) -> int:
         """The size of the file so far."""
         return self._output.bytes_written
 
+    @property
+    def bytes_ahead(self) -> int:
+        """The size of the file, at most, if the log ended now."""
+        return self._output.bytes_ahead
+
+    @property
+    def has_open_chunk(self) -> bool:
+        """There is something that a kill would lose."""
+        return self._output.has_open_chunk
+
+    @property
+    def is_in_place(self) -> bool:
+        """Nobody removed, moved or replaced the file."""
+        return self._output.is_at(self.written_to)
+
+    @property
+    def last_stamps(self) -> tuple[int, int]:
+        """Capture and arrival of the last frame of the recording; 0 where there was none."""
+        return self._journal.last_stamps
+
+    def flush(self) -> None:
+        """Hand all frames so far to the system: a process that is killed no longer loses them."""
+        with uninterrupted():
+            self._output.flush()
+
+    def sync(self) -> None:
+        """Wait until what was handed to the system is on the disk; from any thread.
+
+        Raises:
+            OSError: it could not be put there.
+        """
+        self._output.sync()
+
     def write_frame(self, frame: CapturedFrame) -> None:
         """One image and, where it is known, the camera's exact pose.
 
         Raises:
-            InputError: its size is not the calibration's, or not that of the frames before.
+            InputError: its size is not the calibration's, or not that of the frames before, and it
+                can be had again: it is not of a live source.
             DiskFullError: there is space for the end of the log, but no more for frames.
             ValueError: frame numbers that do not increase, or a time before 1970.
         """
-        if not 0 <= frame.frame_index < 2**32 or min(frame.timestamp_ns, frame.arrival_ns) < 0:
-            raise ValueError(
-                f"expected a frame number of 32 bits and times since 1970, found "
-                f"{frame.frame_index}, {frame.timestamp_ns}, {frame.arrival_ns}"
-            )
-        if self._last_index is not None and frame.frame_index <= self._last_index:
-            raise ValueError(
-                f"expected a frame number above {self._last_index}, found {frame.frame_index}"
-            )
-        readable = self._check_size(frame)
+        fault = self._journal.check(frame, self.path)
         with uninterrupted():
             self._begin_image(frame.frame_index, frame.timestamp_ns, frame.arrival_ns)
-            self._count_gap(frame)
-            if not readable:
-                text = f"frame {frame.frame_index} is not a readable {frame.format} image"
+            for text in self._journal.judge(frame, fault, self.counts):
                 self._event(frame.timestamp_ns, frame.arrival_ns, "warning", text)
             image = messages.to_image(frame.timestamp_ns, frame.data, frame.format)
             stamps = (frame.arrival_ns, frame.timestamp_ns, frame.frame_index)
             self._output.write(topics.IMAGE, image, *stamps)
-            self._last_index = frame.frame_index
-            self.frames_written += 1
+            self.counts.written += 1
             if frame.T_map_camera is not None:
                 pose = messages.to_pose_in_frame(
                     frame.timestamp_ns, self._known.map_frame, frame.T_map_camera
@@ -135,11 +179,14 @@ class LogWriter:
         level: str,
         message: str,
         *,
-        name: str = "recorder",
+        name: str = RECORDER,
         arrival_ns: int | None = None,
         dropped: int = 0,
     ) -> None:
         """Something that happened; `dropped` announces frames that are lost with it.
+
+        Of warnings and errors of the recorder itself, and of one kind, five a second are written;
+        the others are counted in a later one.
 
         Raises:
             ValueError: a level that is not debug, info, warning, error or fatal.
@@ -147,9 +194,15 @@ class LogWriter:
         """
         arrival_ns = timestamp_ns if arrival_ns is None else arrival_ns
         with uninterrupted():
-            self._event(timestamp_ns, arrival_ns, level, message, name)
-            self._announced_dropped += dropped
+            limited = name == RECORDER and level in ("warning", "error")
+            for text in self._journal.admit(arrival_ns, message) if limited else (message,):
+                self._event(timestamp_ns, arrival_ns, level, text, name)
+            self._journal.announce(dropped)
         self._check_space()
+
+    def announce_dropped(self, dropped: int) -> None:
+        """Frames that are lost, where there is no space to say more about them."""
+        self._journal.announce(dropped)
 
     def copy(self, schema: Schema | None, channel: Channel, message: Message) -> None:
         """A message of another log as it is; images bring the topics for viewers with them."""
@@ -157,7 +210,7 @@ class LogWriter:
             if channel.topic == topics.IMAGE:
                 self._begin_image(message.sequence, message.publish_time, message.log_time)
             self._output.copy(schema, channel, message)
-            self.frames_written += channel.topic == topics.IMAGE
+            self.counts.written += channel.topic == topics.IMAGE
             self._events_written += channel.topic == topics.EVENTS
         self._check_space()
 
@@ -193,54 +246,36 @@ class LogWriter:
             if self._closed:
                 return
             self._closed = True
+            replaces = self.written_to != self.path
+            whole = False
             try:
                 if not self._discarded:
                     self._finish()
+                    if self._live or replaces:
+                        self._output.sync()
+                    whole = not ending.failed(self._end.get("ended", ending.COMPLETE))
             finally:
                 self._output.close()
                 if self._discarded:
-                    self._target.unlink(missing_ok=True)
-                elif self._target != self.path:
-                    os.replace(self._target, self.path)
+                    self.written_to.unlink(missing_ok=True)
+                elif replaces and whole:
+                    os.replace(self.written_to, self.path)
+                    self.written_to = self.path
+                    sync_folder(self.path.parent)
 
     def _finish(self) -> None:
         if not self._begun and not self._output.full:
             self._begin(0, 0)
-        self.frames_dropped += self._announced_dropped
+        for text in self._journal.end_part(self.counts):
+            if not self._output.full:
+                self._event(*self._journal.last_stamps, "warning", text)
         end = {
-            "frames_written": str(self.frames_written),
-            "frames_dropped": str(self.frames_dropped),
+            **self.counts.as_metadata(),
+            "display_dropped": "0",
             "events": str(self._events_written),
             "ended": ending.COMPLETE,
         }
         self._output.finish(topics.SESSION_END, {**end, **self._end})
-
-    def _check_size(self, frame: CapturedFrame) -> bool:
-        """Whether the image can be read at all; a wrong size is an error."""
-        header = read_header(frame.data)
-        if header is None or header.format != frame.format:
-            return False
-        size = (header.width_px, header.height_px)
-        if self._image_size is None:
-            self._image_size = size
-        if size != self._image_size:
-            by = "the calibration" if self._known.camera is not None else "the frames before"
-            raise InputError(
-                self.path,
-                f"expected images of {self._image_size[0]}x{self._image_size[1]} as {by}, "
-                f"found {size[0]}x{size[1]}",
-                f"frame {frame.frame_index}",
-            )
-        return True
-
-    def _count_gap(self, frame: CapturedFrame) -> None:
-        gap = 0 if self._last_index is None else frame.frame_index - self._last_index - 1
-        if gap > self._announced_dropped:
-            lost = f"{gap} frames lost" if gap > 1 else "1 frame lost"
-            text = f"{lost} before frame {frame.frame_index}"
-            self._event(frame.timestamp_ns, frame.arrival_ns, "warning", text)
-        self.frames_dropped += max(gap, self._announced_dropped)
-        self._announced_dropped = 0
 
     def _begin_image(self, frame_index: int, timestamp_ns: int, arrival_ns: int) -> None:
         if not self._begun:
@@ -255,7 +290,7 @@ class LogWriter:
             self._output.write(topic, message, arrival_ns, timestamp_ns)
 
     def _event(
-        self, timestamp_ns: int, arrival_ns: int, level: str, text: str, name: str = "recorder"
+        self, timestamp_ns: int, arrival_ns: int, level: str, text: str, name: str = RECORDER
     ) -> None:
         message = messages.to_event(timestamp_ns, level, text, name)
         self._output.write(topics.EVENTS, message, arrival_ns, timestamp_ns)
@@ -264,30 +299,6 @@ class LogWriter:
     def _check_space(self) -> None:
         if self._output.full:
             raise DiskFullError
-
-
-def _target(path: Path, force: bool) -> Path:
-    """The file to write into."""
-    if not path.exists():
-        return path
-    if path.is_dir():
-        raise InputError(path, "expected a file, found a folder")
-    if not force:
-        raise InputError(path, "expected a new file, found one that exists (--force replaces it)")
-    return path.with_name(path.name + ".part")
-
-
-def _open(open_raw: Callable[[Path], RawFile], path: Path) -> RawFile:
-    try:
-        return open_raw(path)
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise InputError(path, f"expected a file that can be written, found: {reason}") from error
-
-
-def _open_raw(path: Path) -> RawFile:
-    mode = "wb" if path.suffix == ".part" else "xb"
-    return open(path, mode, buffering=0)
 
 
 def _media_type(name: str) -> str:

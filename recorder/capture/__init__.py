@@ -1,0 +1,1 @@
+"""Recording in threads: what is slow never holds up what must not wait."""

@@ -1,0 +1,124 @@
+"""Writes what was captured, and hands it to those who watch."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+from recorder.capture.disk import DiskGuard, SyncThread
+from recorder.capture.frame_queue import FrameQueue
+from recorder.capture.notes import Notes
+from recorder.capture.parts import PartsWriter
+from recorder.capture.sink_thread import SinkThread
+from recorder.errors import InputError
+from recorder.sources.base import CapturedFrame, SourceEvent
+
+# A kill costs what is in the open chunk, a power loss what is not synced. Both are asked for by the
+# clock, also while nothing arrives; together they stay below a second.
+_FLUSH_S = 0.4
+_SYNC_S = 0.8
+_LOOK_S = 0.1
+
+
+class LogThread(threading.Thread):
+    """Empties `queue` into `writer`, frame by frame, until the queue has ended.
+
+    Attributes:
+        error: what stopped it.
+        disk_is_low: there is little space left; it goes on until the queue has ended.
+    """
+
+    def __init__(
+        self,
+        queue: FrameQueue,
+        writer: PartsWriter,
+        *,
+        sinks: Sequence[SinkThread],
+        guard: DiskGuard,
+        sync: SyncThread | None,
+        notes: Notes | None,
+        on_written: Callable[[CapturedFrame], None] | None = None,
+    ) -> None:
+        """`sync`: for frames that come only once; without it chunks close by log time alone."""
+        super().__init__(name="log", daemon=True)
+        self._queue = queue
+        self._writer = writer
+        self._sinks = sinks
+        self._guard = guard
+        self._sync = sync
+        self._notes = notes
+        self._on_written = on_written
+        self._told: set[SinkThread] = set()
+        self._flushed_at = self._synced_at = self._looked_at = time.monotonic()
+        self.error: BaseException | None = None
+        self.disk_is_low = False
+
+    def run(self) -> None:
+        try:
+            while not self._queue.ended:
+                self._write_next()
+                self._look_around()
+            self._write_notes()
+        except BaseException as error:
+            self.error = error
+            self._writer.log.announce_dropped(self._queue.give_up() if self._sync else 0)
+            self._queue.give_up()
+
+    def _write_next(self) -> None:
+        item = self._queue.get(_LOOK_S)
+        if item is None:
+            return
+        if isinstance(item, SourceEvent):
+            self._writer.log.write_event(
+                item.timestamp_ns, item.level, item.message, dropped=item.dropped
+            )
+            return
+        if self._sync is not None and not self._writer.log.has_open_chunk:
+            self._flushed_at = time.monotonic()
+        self._writer.write_frame(item)
+        if self._on_written is not None:
+            self._on_written(item)
+        for sink in self._sinks:
+            sink.offer(item)
+
+    def _look_around(self) -> None:
+        self.disk_is_low |= self._guard.is_low(self._writer.bytes_written)
+        now = time.monotonic()
+        if self._sync is not None:
+            synced_long_ago = now - self._synced_at >= _SYNC_S
+            if synced_long_ago or now - self._flushed_at >= _FLUSH_S:
+                self._writer.log.flush()
+                self._flushed_at = now
+            if synced_long_ago:
+                self._sync.ask()
+                self._synced_at = now
+            if self._sync.error is not None:
+                raise self._sync.error
+        if now - self._looked_at < _LOOK_S:
+            return
+        self._looked_at = now
+        self._write_notes()
+        if not self._writer.log.is_in_place:
+            raise InputError(
+                self._writer.log.written_to,
+                "expected the log that is being recorded, found that it was removed or replaced",
+            )
+
+    def _write_notes(self) -> None:
+        log = self._writer.log
+        for note in self._notes.take() if self._notes is not None else ():
+            log.write_event(
+                note.timestamp_ns,
+                note.level,
+                note.message,
+                name=note.name,
+                arrival_ns=note.arrival_ns,
+            )
+        for sink in self._sinks:
+            if sink.error is not None and sink not in self._told:
+                self._told.add(sink)
+                timestamp_ns, arrival_ns = log.last_stamps
+                reason = str(sink.error) or type(sink.error).__name__
+                text = f"a viewer failed and shows nothing any more: {reason}"
+                log.write_event(timestamp_ns, "warning", text, arrival_ns=arrival_ns)

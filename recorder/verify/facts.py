@@ -1,0 +1,198 @@
+"""What the rules look at, gathered in one pass over a log."""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorder.log import topics
+from recorder.log.counts import said_counts
+from recorder.log.damage import Damage
+from recorder.log.frame_checks import image_fault, image_size
+from recorder.log.mcap_records import index_problem
+from recorder.log.parts import open_log, part_number
+from recorder.log.reader import ExactPose, LogEvent, LogImage, LogReader
+from recorder.verify.decoding import flaw
+
+_THREADS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class PartFacts:
+    """One file.
+
+    Attributes:
+        index: what is wrong with its index of chunks, in words.
+        indexed_images: images that its statistics count; None where it has none.
+        end: its `session_end`; None without one.
+        said: the counts in there.
+    """
+
+    path: Path
+    number: int
+    cut_short: str | None
+    damage: tuple[Damage, ...]
+    index: str | None
+    indexed_images: int | None
+    end: dict[str, str] | None
+    said: dict[str, int]
+    images: int
+    events: int
+
+
+@dataclass(eq=False)
+class Facts:
+    """A recording: one log, or its parts in their order.
+
+    Attributes:
+        log: to ask for calibration, map and truth.
+        indices, timestamps_ns, arrivals_ns: (N,) of all images.
+        sizes: how many images there are of each width and height.
+        faults: frame number and what is wrong with the image, of those that are not whole.
+        cut: how many of these a recorder notices: from the header or the end.
+        decoded: whether images were looked into.
+    """
+
+    log: LogReader
+    parts: tuple[PartFacts, ...]
+    indices: NDArray[np.int64]
+    timestamps_ns: NDArray[np.int64]
+    arrivals_ns: NDArray[np.int64]
+    sizes: Counter[tuple[int, int]]
+    faults: list[tuple[int, str]]
+    cut: int
+    exact: int
+    live: bool
+    decoded: bool
+
+    @property
+    def where(self) -> str:
+        """The names of the files."""
+        names = [part.path.name for part in self.parts]
+        return names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+
+    def said(self, name: str) -> int | None:
+        """A count of all parts together; None where one does not say it."""
+        values = [part.said.get(name) for part in self.parts]
+        known = [value for value in values if value is not None]
+        return sum(known) if len(known) == len(values) else None
+
+    @property
+    def seconds(self) -> NDArray[np.float64]:
+        """(N,) captures, in seconds of the log."""
+        start_ns = self.log.start_ns or 0
+        return np.asarray((self.timestamps_ns - start_ns) / 1e9)
+
+
+@dataclass
+class _Seen:
+    indices: array[int] = field(default_factory=lambda: array("q"))
+    timestamps_ns: array[int] = field(default_factory=lambda: array("q"))
+    arrivals_ns: array[int] = field(default_factory=lambda: array("q"))
+    sizes: Counter[tuple[int, int]] = field(default_factory=Counter)
+    faults: list[tuple[int, str]] = field(default_factory=list)
+    cut: int = 0
+    exact: int = 0
+
+
+def gather(
+    paths: Sequence[Path], *, decode: bool = True, on_image: Callable[[], object] = lambda: None
+) -> Facts:
+    """Read the parts of one recording.
+
+    Args:
+        paths: in the order of the parts.
+        decode: also decode every image.
+        on_image: called for each, to show progress.
+
+    Raises:
+        InputError: one of them is not a log.
+    """
+    seen = _Seen()
+    with _decoder(decode, seen) as check:
+        parts = [_read(path, seen, check, on_image) for path in paths]
+    log = open_log(paths)
+    return Facts(
+        log=log,
+        parts=tuple(parts),
+        indices=np.array(seen.indices, dtype=np.int64),
+        timestamps_ns=np.array(seen.timestamps_ns, dtype=np.int64),
+        arrivals_ns=np.array(seen.arrivals_ns, dtype=np.int64),
+        sizes=seen.sizes,
+        faults=sorted(seen.faults),
+        cut=seen.cut,
+        exact=seen.exact,
+        live=topics.LIVE in log.metadata.get(topics.SESSION, {}),
+        decoded=decode,
+    )
+
+
+def _read(
+    path: Path, seen: _Seen, check: Callable[[LogImage], None], on_image: Callable[[], object]
+) -> PartFacts:
+    images = events = 0
+    reader = LogReader(path)
+    for record in reader.records():
+        if isinstance(record, ExactPose):
+            seen.exact += 1
+        elif isinstance(record, LogEvent):
+            events += 1
+        else:
+            images += 1
+            seen.indices.append(record.frame_index)
+            seen.timestamps_ns.append(record.timestamp_ns)
+            seen.arrivals_ns.append(record.arrival_ns)
+            if (size := image_size(record.data)) is not None:
+                seen.sizes[size] += 1
+            check(record)
+            on_image()
+    end = reader.metadata.get(topics.SESSION_END)
+    with path.open("rb") as file:
+        index = index_problem(file)
+    return PartFacts(
+        path=path,
+        number=part_number(reader),
+        cut_short=reader.cut_short,
+        damage=reader.damage,
+        index=index,
+        indexed_images=reader.image_count(),
+        end=None if end is None else dict(end),
+        said=said_counts(end or {}),
+        images=images,
+        events=events,
+    )
+
+
+@contextmanager
+def _decoder(decode: bool, seen: _Seen) -> Iterator[Callable[[LogImage], None]]:
+    """What is to be called with each image; the faults are complete when the block ends."""
+    waiting: deque[tuple[int, Future[str | None]]] = deque()
+
+    def collect(at_most: int) -> None:
+        while len(waiting) > at_most:
+            index, looked = waiting.popleft()
+            if (fault := looked.result()) is not None:
+                seen.faults.append((index, fault))
+
+    with ThreadPoolExecutor(_THREADS, thread_name_prefix="decode") as pool:
+
+        def check(image: LogImage) -> None:
+            fault = image_fault(image.data, image.format)
+            if fault is not None:
+                seen.cut += 1
+                seen.faults.append((image.frame_index, fault))
+            elif decode:
+                looked = pool.submit(flaw, image.data, image.format)
+                waiting.append((image.frame_index, looked))
+                collect(4 * _THREADS)
+
+        yield check
+        collect(0)

@@ -1,0 +1,427 @@
+"""Every rule on a log that keeps it, and on one that breaks it."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from recorder.cli import commands
+from recorder.files.camera_file import camera_yaml
+from recorder.files.map_file import map_yaml
+from recorder.log import messages, topics
+from recorder.log.mcap_output import McapOutput
+from recorder.log.writer import LogWriter
+from recorder.sources.base import CapturedFrame
+from recorder.verify.run import RULES, verify
+from recorder.verify.verdict import LogVerdict, Verdict
+from tests.log_helpers import TRUTH_YAML, attachments, camera, frame, marker_map, png
+from tests.test_parts import split_log
+from tests.test_recover import chunks_of
+
+RULE_NAMES = [
+    *("end", "parts", "checksums", "index", "counts", "gaps"),
+    *("stamps", "rate", "arrivals", "images", "calibration", "map", "truth"),
+]
+
+Change = Callable[[int, CapturedFrame], CapturedFrame | None]
+
+
+def same(index: int, item: CapturedFrame) -> CapturedFrame:
+    return item
+
+
+def log_of(
+    path: Path,
+    *,
+    count: int = 40,
+    change: Change = same,
+    files: dict[str, bytes] | None = None,
+    live: bool = False,
+    said: dict[str, str] | None = None,
+    ended: str = "complete",
+) -> Path:
+    """Images that can be decoded, at 10 frames/s."""
+    given = attachments() if files is None else files
+    session = {"live": "yes"} if live else {}
+    with LogWriter(path, attachments=given, session=session, live=live) as writer:
+        for i in range(count):
+            item = change(i, replace(frame(i), data=png()))
+            if item is not None:
+                writer.write_frame(item)
+        writer.end_as(ended, **(said or {}))
+    return path
+
+
+def rule(verdict: LogVerdict, name: str) -> Verdict:
+    return next(found for found in verdict.rules if found.rule == name)
+
+
+def assert_only(path: Path | Iterable[Path], name: str, level: str, text: str) -> None:
+    """One rule speaks up, and all others are content."""
+    verdict = verify([path] if isinstance(path, Path) else list(path))
+    found = rule(verdict, name)
+    assert (found.level, verdict.level) == (level, level)
+    assert text in found.text
+    assert "\n" not in found.text
+    assert [v for v in verdict.rules if v.level != "ok" and v.rule != name] == []
+
+
+def test_a_good_log_keeps_every_rule(tmp_path: Path) -> None:
+    verdict = verify([log_of(tmp_path / "log.mcap")])
+    assert [found.rule for found in verdict.rules] == RULE_NAMES
+    assert len(RULES) == len(RULE_NAMES)
+    assert {found.level for found in verdict.rules} == {"ok"}
+    assert all(found.text for found in verdict.rules)
+    live = verify([log_of(tmp_path / "live.mcap", live=True)])
+    assert {found.level for found in live.rules} == {"ok"}
+    assert "0.0 ms after capture" in rule(live, "arrivals").text
+
+
+def test_a_cut_log(tmp_path: Path) -> None:
+    path = log_of(tmp_path / "log.mcap")
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    verdict = verify([path])
+    assert rule(verdict, "end").level == "failed"
+    assert "cut short after" in rule(verdict, "end").text
+    assert rule(verdict, "index").level == "failed"
+
+
+@pytest.mark.parametrize(
+    ("ended", "text"),
+    [
+        ("disk_full", "the disk was full"),
+        ("disk_low", "the disk was nearly full"),
+        ("error: no light", "no light"),
+        ("recovered: cut short after 3 frames: x", "cut short after 3 frames"),
+        ("split: goes on in b-002.mcap", "goes on in b-002.mcap, which was not given"),
+    ],
+)
+def test_how_it_ended(tmp_path: Path, ended: str, text: str) -> None:
+    path = log_of(tmp_path / "log.mcap", ended=ended)
+    assert_only(path, "end", "warning", text)
+
+
+def test_an_interrupted_log_is_whole(tmp_path: Path) -> None:
+    assert verify([log_of(tmp_path / "log.mcap", ended="interrupted")]).level == "ok"
+
+
+def test_parts(tmp_path: Path) -> None:
+    paths, _ = split_log(tmp_path)
+    verdict = verify(paths, decode=False)
+    assert {v.rule: v.level for v in verdict.rules if v.level != "ok"} == {"gaps": "warning"}
+    assert rule(verdict, "parts").text == "all 4 parts"
+    found = rule(verify([paths[0], paths[3]], decode=False), "parts")
+    assert (found.level, found.text) == ("warning", "without part 2, 3 of the recording")
+
+
+def test_a_flipped_bit_is_named_with_its_place(tmp_path: Path) -> None:
+    path = log_of(tmp_path / "log.mcap")
+    data = bytearray(path.read_bytes())
+    at, size = chunks_of(bytes(data))[3]
+    data[at + size // 2] ^= 4
+    path.write_bytes(data)
+    found = rule(verify([path]), "checksums")
+    assert found.level == "failed"
+    expected = f"a chunk's checksum is wrong after 15 frames (byte {at}, {size} bytes left out)"
+    assert expected in found.text
+
+
+def test_an_index_that_names_other_chunks(tmp_path: Path) -> None:
+    path = log_of(tmp_path / "log.mcap")
+    data = path.read_bytes()
+    (summary_at,) = struct.unpack_from("<Q", data, len(data) - 28)
+    at, size = chunks_of(data)[2]
+    where = data.index(struct.pack("<QQ", at, size), summary_at)
+    broken = bytearray(data)
+    broken[where] ^= 1
+    # The index has a checksum of its own: 0 says that there is none.
+    broken[-12:-8] = bytes(4)
+    path.write_bytes(broken)
+    assert_only(path, "index", "failed", f"the chunk at byte {at} is not in it")
+
+
+def test_statistics_that_count_other_images(tmp_path: Path) -> None:
+    path = log_of(tmp_path / "log.mcap")
+    data = path.read_bytes()
+    at, _ = chunks_of(data)[3]
+    # A chunk that is taken out whole, with what belongs to it up to the next one.
+    behind, _ = chunks_of(data)[4]
+    path.write_bytes(data[:at] + data[behind:])
+    verdict = verify([path])
+    assert rule(verdict, "index").level == "failed"
+    assert rule(verdict, "counts").level == "failed"
+    assert "the log says 40, 35 are there" in rule(verdict, "counts").text
+
+
+@pytest.mark.parametrize(
+    ("said", "text"),
+    [
+        ({"frames_written": "41"}, "frames_written: the log says 41, 40 are there"),
+        ({"frames_corrupt": "1"}, "frames_corrupt: the log says 1, 0 are there"),
+        ({"frames_stamped_back": "2"}, "frames_stamped_back: the log says 2, 0 are there"),
+        ({"events": "1"}, "events: the log says 1, 0 are there"),
+    ],
+)
+def test_counts_that_are_not_what_is_there(tmp_path: Path, said: dict[str, str], text: str) -> None:
+    assert_only(log_of(tmp_path / "log.mcap", said=said), "counts", "failed", text)
+
+
+def test_drops_that_were_not_counted(tmp_path: Path) -> None:
+    path = log_of(
+        tmp_path / "log.mcap",
+        change=lambda i, item: None if i in (7, 8) else item,
+        said={"frames_dropped": "1"},
+    )
+    found = rule(verify([path]), "counts")
+    assert found.level == "failed"
+    assert found.text == "frames_dropped: the log says 1, 2 numbers are missing"
+
+
+def test_gaps_that_were_counted_are_a_warning(tmp_path: Path) -> None:
+    path = log_of(tmp_path / "log.mcap", change=lambda i, item: None if i in (7, 20, 21) else item)
+    assert_only(path, "gaps", "warning", "3 frames lost (7.5 %); most, 2, at 1.900 s")
+
+
+def test_frame_numbers_that_do_not_increase(tmp_path: Path) -> None:
+    """Our writer refuses them: this log is of another make."""
+    path = tmp_path / "log.mcap"
+    with path.open("xb", buffering=0) as raw:
+        output = McapOutput(raw, tmp_path)
+        output.add_metadata("session", {})
+        for k, i in enumerate((0, 1, 1, 2)):
+            image = messages.to_image(k * 10**8, png(), "png")
+            output.write(topics.IMAGE, image, k * 10**8, k * 10**8, i)
+        output.finish("session_end", {"ended": "complete"})
+        output.close()
+    found = rule(verify([path]), "gaps")
+    assert (found.level, found.text) == ("failed", "frame numbers do not increase after frame 1")
+
+
+def test_stamps_that_jump_back(tmp_path: Path) -> None:
+    def change(i: int, item: CapturedFrame) -> CapturedFrame:
+        return replace(item, timestamp_ns=item.timestamp_ns - 250_000_000 * (i == 30))
+
+    path = log_of(tmp_path / "log.mcap", change=change)
+    found = rule(verify([path]), "stamps")
+    assert found.level == "failed"
+    assert found.text == "they jump back once, first at frame 30 by 0.150000 s"
+    assert rule(verify([path]), "counts").level == "ok"
+
+
+def test_stamps_that_stand_still(tmp_path: Path) -> None:
+    def change(i: int, item: CapturedFrame) -> CapturedFrame:
+        return replace(item, timestamp_ns=item.timestamp_ns - 100_000_000 * (i == 30))
+
+    found = rule(verify([log_of(tmp_path / "log.mcap", change=change)]), "stamps")
+    assert found.level == "warning"
+    assert found.text == "1 frames at the time of another, first 30"
+
+
+def test_a_camera_that_stutters(tmp_path: Path) -> None:
+    def stutter(i: int, item: CapturedFrame) -> CapturedFrame:
+        shift_ns = 60_000_000 * (i % 10 == 5)
+        stamp_ns = item.timestamp_ns + shift_ns
+        return replace(item, timestamp_ns=stamp_ns, arrival_ns=stamp_ns)
+
+    path = log_of(tmp_path / "log.mcap", change=stutter)
+    assert_only(path, "rate", "warning", "10.00 frames/s, but 20.5 % of the intervals are off")
+
+
+def test_a_pause_without_missing_frames(tmp_path: Path) -> None:
+    def pause(i: int, item: CapturedFrame) -> CapturedFrame:
+        stamp_ns = item.timestamp_ns + 2_000_000_000 * (i > 25)
+        return replace(item, timestamp_ns=stamp_ns, arrival_ns=stamp_ns)
+
+    path = log_of(tmp_path / "log.mcap", change=pause)
+    assert_only(path, "rate", "warning", "10.00 frames/s, but a pause of 2.100 s after frame 25")
+
+
+def test_a_live_log_of_two_clocks(tmp_path: Path) -> None:
+    def shift(i: int, item: CapturedFrame) -> CapturedFrame:
+        return replace(item, arrival_ns=item.arrival_ns + 3_000_000_000)
+
+    path = log_of(tmp_path / "log.mcap", change=shift, live=True)
+    assert_only(path, "arrivals", "warning", "3.000 s apart: of two clocks?")
+
+
+def test_late_frames(tmp_path: Path) -> None:
+    def late(i: int, item: CapturedFrame) -> CapturedFrame:
+        return replace(item, arrival_ns=item.arrival_ns + 150_000_000 * (i == 30))
+
+    path = log_of(tmp_path / "log.mcap", change=late, live=True)
+    assert_only(path, "arrivals", "warning", "1 frame late")
+
+
+def undecodable(item: CapturedFrame) -> CapturedFrame:
+    """With a good header and a good end."""
+    return replace(item, data=png(payload=b"no pixels"))
+
+
+def test_images_that_cannot_be_decoded(tmp_path: Path) -> None:
+    path = log_of(
+        tmp_path / "few.mcap", count=150, change=lambda i, f: undecodable(f) if i == 9 else f
+    )
+    assert_only(path, "images", "warning", "1 frame corrupt (0.67 %), first 9: no png image that")
+    assert rule(verify([path], decode=False), "images").level == "ok"
+    path = log_of(tmp_path / "many.mcap", change=lambda i, f: undecodable(f) if i > 29 else f)
+    assert_only(path, "images", "failed", "10 frames corrupt (25 %), first 30: no png image that")
+
+
+def test_a_jpeg_that_is_damaged_inside(tmp_path: Path) -> None:
+    """OpenCV decodes it without a word."""
+    rng = np.random.default_rng(5)
+    pixels = cv2.GaussianBlur(rng.integers(0, 256, (480, 640), np.uint8), (3, 3), 0)
+    whole = cv2.imencode(".jpg", pixels)[1].tobytes()
+    middle = len(whole) // 2
+    broken = whole[:middle] + rng.bytes(500) + whole[middle + 500 :]
+
+    def change(i: int, item: CapturedFrame) -> CapturedFrame:
+        return replace(item, data=broken if i == 6 else whole, format="jpeg")
+
+    path = log_of(tmp_path / "log.mcap", change=change, files={})
+    found = rule(verify([path]), "images")
+    assert found.text == "1 frame corrupt (2.5 %), first 6: a damaged jpeg image"
+    assert rule(verify([path], decode=False), "images").level == "ok"
+
+
+def test_images_that_are_cut_or_empty(tmp_path: Path) -> None:
+    def cut(i: int, item: CapturedFrame) -> CapturedFrame:
+        whole = cv2.imencode(".jpg", np.zeros((48, 64), np.uint8))[1].tobytes()
+        item = replace(item, data=whole, format="jpeg")
+        return replace(item, data=whole[:-30] if i == 3 else b"" if i == 4 else whole)
+
+    path = log_of(tmp_path / "log.mcap", change=cut)
+    found = rule(verify([path]), "images")
+    assert found.level == "failed"
+    expected = "2 frames corrupt (5 %), first 3: a jpeg image without its end and other faults"
+    assert found.text == expected
+    # The recorder saw and counted them.
+    assert rule(verify([path]), "counts").level == "ok"
+
+
+def test_images_of_several_sizes(tmp_path: Path) -> None:
+    path = log_of(
+        tmp_path / "log.mcap",
+        change=lambda i, item: replace(item, data=png(32, 48)) if i == 5 else item,
+        live=True,
+        files={},
+    )
+    found = rule(verify([path]), "images")
+    assert (found.level, found.text) == (
+        "failed",
+        "expected one size, found 39 of 64x48, 1 of 32x48",
+    )
+
+
+def test_no_images(tmp_path: Path) -> None:
+    path = log_of(tmp_path / "log.mcap", count=0)
+    assert_only(path, "images", "failed", "there are none")
+
+
+def with_files(path: Path, **files: bytes | None) -> Path:
+    """A log with other files than usual, whatever a recorder would say to them."""
+    given = attachments() | {f"{name}.yaml": data for name, data in files.items()}
+    with path.open("xb", buffering=0) as raw:
+        output = McapOutput(raw, path.parent)
+        for name, data in given.items():
+            if data is not None:
+                output.add_attachment(0, name, "application/yaml", data)
+        output.add_metadata("session", {})
+        for i in range(40):
+            stamp = frame(i).timestamp_ns
+            image = messages.to_image(stamp, png(), "png")
+            output.write(topics.IMAGE, image, stamp, stamp, i)
+        output.finish("session_end", {"ended": "complete", "frames_written": "40"})
+        output.close()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("data", "level", "text"),
+    [
+        (None, "warning", "there is none: replay needs --camera"),
+        (b"camera_name: x\n", "failed", "expected"),
+        (camera_yaml(camera(48, 64)), "failed", "it is for 48x64, the images are 64x48"),
+        (
+            camera_yaml(camera()).replace(b"31.5", b"131.5"),
+            "warning",
+            "its principal point 131.5, 23.5 is outside of the image",
+        ),
+    ],
+)
+def test_calibration(tmp_path: Path, data: bytes | None, level: str, text: str) -> None:
+    assert_only(with_files(tmp_path / "log.mcap", camera=data), "calibration", level, text)
+
+
+def test_map(tmp_path: Path) -> None:
+    missing = with_files(tmp_path / "a.mcap", map=None, truth=None)
+    assert_only(missing, "map", "warning", "there is none: replay needs --map")
+    twice = map_yaml(marker_map()).replace(b"id: 1", b"id: 0")
+    found = rule(verify([with_files(tmp_path / "b.mcap", map=twice)]), "map")
+    assert found.level == "failed"
+    assert "0" in found.text
+    markers = marker_map().markers
+    close = replace(marker_map(), markers=(*markers, replace(markers[0], id=9)))
+    found = rule(verify([with_files(tmp_path / "c.mcap", map=map_yaml(close))]), "map")
+    assert found.level == "failed"
+
+
+@pytest.mark.parametrize(
+    ("data", "level", "text"),
+    [
+        (b"frame: map\npoint: 3\n", "failed", "expected"),
+        (TRUTH_YAML.replace(b"frame: map", b"frame: hall"), "failed", "frame: expected the map's"),
+        (
+            TRUTH_YAML.replace(b"from_s: 2, to_s: 3", b"from_s: 20, to_s: 30"),
+            "warning",
+            "the pose from 20 s to 30 s is outside of the log, which ends at 3.900 s",
+        ),
+        (TRUTH_YAML.replace(b"[3, 2]", b"[3000, 2]"), "warning", "up to 2999 m from every marker"),
+    ],
+)
+def test_truth(tmp_path: Path, data: bytes, level: str, text: str) -> None:
+    verdict = verify([with_files(tmp_path / "log.mcap", truth=data)])
+    found = rule(verdict, "truth")
+    assert found.level == level
+    assert text in found.text
+
+
+def run(*arguments: str | Path) -> Result:
+    command = {c.name: c for c in commands()}["verify"]
+    return CliRunner().invoke(command, [str(a) for a in arguments])
+
+
+def test_the_command_and_its_exit_code(tmp_path: Path) -> None:
+    good = log_of(tmp_path / "good.mcap")
+    bad = log_of(tmp_path / "bad.mcap", said={"frames_written": "41"})
+    gap = log_of(tmp_path / "gap.mcap", change=lambda i, f: None if i == 7 else f)
+    done = run(good)
+    assert done.exit_code == 0
+    assert done.output.splitlines()[0] == f"{good}: ok"
+    done = run(gap)
+    assert done.exit_code == 0
+    assert done.output.splitlines()[0] == f"{gap}: ok (1 warning)"
+    done = run(good, bad)
+    assert done.exit_code == 1
+    assert f"{bad}: failed (1 of 13 rules failed)" in done.output
+    done = run(good, bad, "--json", "--quick")
+    assert done.exit_code == 1
+    told = json.loads(done.output)
+    assert [log["verdict"] for log in told] == ["ok", "failed"]
+    assert [r["rule"] for r in told[1]["rules"]] == RULE_NAMES
+
+
+def test_the_command_takes_parts_together(tmp_path: Path) -> None:
+    paths, _ = split_log(tmp_path)
+    done = run(*paths, "--quick")
+    assert done.exit_code == 0
+    assert done.output.startswith(f"{paths[0]} to drive-004.mcap: ok (1 warning)")
