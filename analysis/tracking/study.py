@@ -16,6 +16,7 @@ from analysis.tracking.statistics import (
     ALL,
     CONSISTENCY,
     MIN_COUNT,
+    SETTLED_S,
     acceleration_rms,
     drive_table,
 )
@@ -61,7 +62,8 @@ def _tables(whole: pd.DataFrame, keys: list[str], notes: tuple[str, ...]) -> tup
     trackers, tracker_sides = (part[part["tracker"] != FIXES] for part in (overall, sides))
     overall_keys = [key for key in keys if key != "side"]
     accuracy_notes = (
-        "accel_rms: second differences of the positions over the real time steps",
+        "accel_rms: second differences of the positions over the real time steps, from "
+        f"{SETTLED_S:g} s after a track's first fix on; by side, without the step to the next",
         *notes,
     )
     tables = [
