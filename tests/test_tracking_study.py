@@ -236,8 +236,10 @@ def known_drive() -> Drive:
     return drawn_drive(5, 1500, trackers)
 
 
-def drawn_drive(seed: int, count: int, trackers: dict[str, ConstantVelocity]) -> Drive:
-    """Motion with 0.2 m/s² of white acceleration, fixes of 3 and 2 cm."""
+def drawn_drive(
+    seed: int, count: int, trackers: dict[str, ConstantVelocity], beside_m: float = 0.0
+) -> Drive:
+    """Motion with 0.2 m/s² of white acceleration, fixes of 3 and 2 cm, all as far beside it."""
     rng, dt = np.random.default_rng(seed), 0.1
     positions = np.zeros((count, 2))
     position, velocity = np.zeros(2), np.zeros(2)
@@ -246,7 +248,7 @@ def drawn_drive(seed: int, count: int, trackers: dict[str, ConstantVelocity]) ->
         position = position + dt * velocity + dt**2 / 2 * accel
         velocity = velocity + dt * accel
         positions[i] = position
-    fixes = positions + rng.normal(0, [0.03, 0.02], (count, 2))
+    fixes = positions + rng.normal(0, [0.03, 0.02], (count, 2)) + [0.0, beside_m]
     return drive_of(positions, fixes, [4] * count, trackers, path=None)
 
 
@@ -262,8 +264,19 @@ def test_a_true_model_is_consistent_and_r_wrong_by_ten_is_not(known_drive: Drive
     # What the filter says of the data is most likely where its model is theirs.
     assert true["log_likelihood"] > max(tenth["log_likelihood"], tenfold["log_likelihood"])
     sentences = " ".join(study_drives([known_drive]).findings)
-    assert "tenth is overconfident: mean NIS" in sentences
+    assert "tenth is overconfident about its fixes: mean NIS" in sentences
     assert "tenfold is underconfident" in sentences
+
+
+def test_an_error_that_all_fixes_share_is_seen_by_the_exact_truth_only() -> None:
+    """Fixes 6 cm beside the truth throughout: white innovations, a wrong position."""
+    drive = drawn_drive(5, 1500, {"true": honest(1.0)}, beside_m=0.06)
+    row = rows_of(drive)["true", ALL]
+    assert row["verdict"] == "consistent"
+    assert row["nees_mean"] > 10.0
+    (said,) = (s for s in study_drives([drive]).findings if s.startswith("true is"))
+    assert "consistent about its fixes" in said
+    assert "About its position it is overconfident" in said
 
 
 def test_repeats_pooled_know_which_covariance_is_true() -> None:

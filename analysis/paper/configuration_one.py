@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -105,7 +105,9 @@ class _Solved:
 
 def _image(site: Site, seed: int) -> tuple[Detections, Pose]:
     T_map_camera = site.scene.pose(0.0)
-    return site.true(seed)(T_map_camera, np.random.default_rng([seed, 31])), T_map_camera
+    # The same noise at both heights would be the same luck.
+    rng = np.random.default_rng([seed, 31, round(1000 * float(T_map_camera.translation[2]))])
+    return site.true(seed)(T_map_camera, rng), T_map_camera
 
 
 def _solved(
@@ -194,3 +196,13 @@ def rmse_m(errors: Array) -> float:
 def large_share(errors: Array) -> float:
     """The share of position errors above the paper's 20 cm."""
     return float((horizontal_m(errors) > LARGE_M).mean())
+
+
+def size(errors: Array) -> float:
+    """Of the position part of (x, y, …)."""
+    return float(np.hypot(errors[0], errors[1]))
+
+
+def solved_whole(counts: Mapping[int, CountErrors]) -> int:
+    """Up to which number of markers every subset was solved: only there is a maximum one."""
+    return max(n for n, c in counts.items() if c.subsets == c.of)

@@ -19,6 +19,7 @@ _ROOT_MEAN_SQUARE = (
     "path_rms_cm",
     "accel_rms_cmps2",
 )
+_OF_UPDATES = ("nis_mean", "log_likelihood")
 _SUMS = ("frames", "updates")
 _KEYS = ["tracker", "side"]
 
@@ -27,8 +28,9 @@ def pool(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     """One `drive_table` of several of the same drive, each with other noise.
 
     RMS columns are pooled as such, counts added, the largest distance to the path is that of all,
-    everything else is the mean over the repeats. The band of the mean NIS is that of all updates
-    together. A cell that is empty in one repeat is empty.
+    means of updates are those of all updates, everything else is the mean over the repeats. The
+    band of the mean NIS is that of all updates together. A cell that is empty in one repeat is
+    empty.
 
     Raises:
         ValueError: the tables' trackers or sides differ.
@@ -45,6 +47,10 @@ def pool(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
         pooled[column] = squared[column]
     for column in _SUMS:
         pooled[column] = total[column]
+    weights = stacked[:, :, numbers.index("updates")]
+    for column in _OF_UPDATES:
+        weighted = (stacked[:, :, numbers.index(column)] * weights).sum(axis=0)
+        pooled[column] = weighted / total["updates"]
     at = numbers.index("path_max_cm")
     pooled["path_max_cm"] = stacked[:, :, at].max(axis=0)
     updates = pooled["updates"]

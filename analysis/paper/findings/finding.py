@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.static.statistics import wilson
 from pipeline.geometry import Array
 
 
@@ -38,6 +39,11 @@ class Finding:
         if self.share >= 0.8:
             return "holds"
         return "does not hold" if self.share <= 0.2 else "depends on the seed"
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % of the share (Wilson): what other seeds could have given."""
+        return wilson(sum(self.holds), len(self.holds))
 
 
 def centimetres(values_m: Array | list[float]) -> str:

@@ -6,13 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from analysis.paper.configuration_one import CountErrors
+from analysis.paper.configuration_one import CountErrors, size, solved_whole
 from analysis.paper.experiments import Experiments
 from analysis.paper.pictures.seeds import curves
 from analysis.paper.references import COUNT
 from analysis.study import StudyFigure
 from analysis.style import PALETTE, SHAPES, TRUTH_COLOUR, WIDE, new_figure, plain_log_scale
-from pipeline.geometry import Array
 
 
 def errors(runs: Experiments) -> StudyFigure:
@@ -21,9 +20,9 @@ def errors(runs: Experiments) -> StudyFigure:
     panels = figure.subplots(1, 3)
     numbers = sorted(runs.high[0].counts)
     kinds: dict[str, Callable[[CountErrors], float]] = {
-        "RMSE": lambda c: _norm(c.rmse),
+        "RMSE": lambda c: size(c.rmse),
         "largest error": lambda c: c.max_m,
-        "size of the mean error": lambda c: _norm(c.mean),
+        "size of the mean error": lambda c: size(c.mean),
     }
     paper = {
         "RMSE": [float(np.hypot(COUNT[n].rmse_x_cm, COUNT[n].rmse_y_cm)) for n in numbers],
@@ -34,8 +33,10 @@ def errors(runs: Experiments) -> StudyFigure:
     solvers = {"the paper's solver": "counts", "batch": "batch"}
     for axes, (title, value) in zip(panels, kinds.items(), strict=True):
         for (label, key), colour, mark in zip(solvers.items(), PALETTE, SHAPES, strict=False):
-            cm = 100.0 * np.array([[value(getattr(s, key)[n]) for n in numbers] for s in runs.high])
-            curves(axes, numbers, cm, mark, colour, label)
+            stands = [getattr(s, key) for s in runs.high]
+            last = solved_whole(stands[0]) if title == "largest error" else numbers[-1]
+            cm = 100.0 * np.array([[value(s[n]) for n in numbers[:last]] for s in stands])
+            curves(axes, numbers[:last], cm, mark, colour, label)
         if title in paper:
             axes.plot(numbers, paper[title], "D:", color=TRUTH_COLOUR, label="paper")
         axes.set(title=title, xlabel="markers", ylabel="cm", yscale="log", xticks=numbers)
@@ -46,7 +47,8 @@ def errors(runs: Experiments) -> StudyFigure:
         "By number of markers at 2.991 m",
         figure,
         "Subsets of one to seven of the 24 markers (the paper's solver: a random sample of those "
-        "of six and seven); a thin line for each seed, the median thick.",
+        "of six and seven, whose largest error is left out); a thin line for each seed, the "
+        "median thick.",
     )
 
 
@@ -78,7 +80,3 @@ def axes(runs: Experiments) -> StudyFigure:
         figure,
         "The paper's solver; a thin line for each seed, the median thick.",
     )
-
-
-def _norm(values: Array) -> float:
-    return float(np.hypot(values[0], values[1]))

@@ -11,7 +11,7 @@ from analysis.paper.experiments import FITTED, SPEEDS_MPS, Experiments
 from analysis.study import StudyFigure
 from analysis.style import SHAPES, WIDE, new_figure, plain_log_scale, tracker_colours
 from analysis.tracking.drive import Drive
-from analysis.tracking.figures import nis_figure, trajectory_figure
+from analysis.tracking.figures import consistency_figure, trajectory_figure
 from analysis.tracking.pool import pool
 
 _SLOW = SPEEDS_MPS[0]
@@ -113,15 +113,16 @@ def speeds(runs: Experiments) -> StudyFigure:
 
 
 def consistency(runs: Experiments) -> StudyFigure:
-    """Mean NIS by side with the band where it is expected."""
+    """Mean NIS and NEES by side, where they are expected."""
     table = pool([o.table for o in runs.drives[_SLOW]])
     table = table[table["tracker"].isin(PAPER_FILTERS)]
     table = table.assign(side=[SIDE_NAMES.get(side, side) for side in table["side"]])
     return StudyFigure(
         "consistency",
-        "Mean NIS of the filters at 0.05 m/s",
-        nis_figure(table),
-        "Grey: the 95 % band of all updates of all seeds. Above it a filter is overconfident.",
+        "Mean NIS and NEES of the filters at 0.05 m/s",
+        consistency_figure(table),
+        "Above 2 a filter is overconfident: left about its fixes (grey: the 95 % band of all "
+        "updates of all seeds), right about its position, where errors that all fixes share count.",
     )
 
 
