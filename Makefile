@@ -1,5 +1,6 @@
 # make demo   record, replay and compare on the sample log
-# make test   every check that CI runs
+# make test   every check, but for the long ones
+# make slow   the checks that take minutes
 # make bench  what a replay costs, printed and kept in docs/benchmarks.md
 # make paper  the paper's experiments in simulation, into docs/paper.md
 
@@ -7,13 +8,16 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint bench paper sample clean
+.PHONY: demo test lint slow bench paper sample clean
 
 demo: $(VENV)/installed
 	$(BIN)/arucolog demo
 
 test: lint
-	$(BIN)/pytest -m "not bench"
+	$(BIN)/pytest -m "not bench and not slow"
+
+slow: $(VENV)/installed
+	$(BIN)/pytest -m slow
 
 lint: $(VENV)/installed
 	$(BIN)/ruff check .

@@ -41,14 +41,15 @@ def _report(
 ) -> None:
     """Write one HTML page with every study that the results allow.
 
-    Still cameras get the studies of placement and number of markers, drives that of tracking. The
-    page needs no network; its figures are inside.
+    Still cameras get the studies of placement, number of markers and variances, drives that of
+    tracking. The page needs no network; its figures are inside.
     """
     from analysis.report.build import report as build
     from recorder.errors import InputError
 
-    if output.exists() and not force:
-        raise InputError(output, "already exists; --force replaces it")
+    for path in (output, output.with_name(f"{output.stem}_files")):
+        if path.exists() and not force:
+            raise InputError(path, "already exists; --force replaces it")
     if not output.parent.is_dir():
         raise InputError(output.parent, "expected a folder for the report, found none")
     written = build(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,20 +60,37 @@ class Study:
 
 def write_study(study: Study, folder: Path) -> list[Path]:
     """Each table as CSV and LaTeX, each figure as SVG and PNG, into `folder`; the files made."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
+    return write_files(folder, study_files(study))
+
+
+def study_files(study: Study) -> dict[str, bytes]:
+    """The content of the study's files by name; the same study gives the same bytes."""
+    files = {}
     for table in study.tables:
-        csv, tex = folder / f"{table.name}.csv", folder / f"{table.name}.tex"
-        table.frame.to_csv(csv, index=False)
-        tex.write_text(latex(table))
-        paths += [csv, tex]
+        files[f"{table.name}.csv"] = table.frame.to_csv(index=False).encode()
+        files[f"{table.name}.tex"] = latex(table).encode()
     for figure in study.figures:
-        for suffix in (".svg", ".png"):
-            path = folder / f"{figure.name}{suffix}"
-            # Without a date the same study gives the same file.
-            metadata = {"Date": None} if suffix == ".svg" else {}
-            figure.figure.savefig(path, dpi=150, metadata=metadata)
-            paths.append(path)
+        for suffix in ("svg", "png"):
+            buffer = io.BytesIO()
+            metadata = {"Date": None} if suffix == "svg" else {}
+            figure.figure.savefig(buffer, format=suffix, dpi=150, metadata=metadata)
+            files[f"{figure.name}.{suffix}"] = buffer.getvalue()
+    return files
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
+    """Writes each file, whole or not at all, in place of an earlier one; the paths made."""
+    paths = []
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(f".{path.name}.part")
+        try:
+            temporary.write_bytes(content)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+        paths.append(path)
     return paths
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 # Inches; at write_study's 150 dpi a wide figure is 1275 pixels.
@@ -78,3 +79,12 @@ def tracker_colours(names: Iterable[str]) -> dict[str, str]:
     free = [colour for colour in PALETTE if colour not in chosen.values()]
     others = [name for name in names if name not in chosen]
     return chosen | {name: free[i % len(free)] for i, name in enumerate(others)}
+
+
+def plain_log_scale(axis: Axis) -> None:
+    """Labels at 1, 2, 5, 10 … as plain numbers: few enough never to overlap."""
+    from matplotlib.ticker import LogLocator
+
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+    axis.set_minor_formatter("{x:g}")

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+import yaml
 
 from analysis.report.build import report
 from analysis.report.page import page
 from analysis.study import Study, StudyTable
+from pipeline.variance import TableVariance
 from recorder.errors import InputError
 from replay.result import open_result
 from replay.run import ReplayOptions, replay
@@ -112,6 +114,44 @@ def test_cells_are_escaped_and_empty_statistics_are_a_dash(built: Path) -> None:
     assert "A &amp; B" in text
     assert "<td>–</td>" in text
     assert "nan" not in text.split("<main>")[1].split('id="results"')[0]
+
+
+def test_the_variances_lie_beside_it_as_a_table_for_settings(built: Path) -> None:
+    (path,) = built.with_name("report_files").rglob("table.yaml")
+    settings = {
+        "trackers": {"own": {"kind": "constant_velocity", "variance": {"kind": "table"}}},
+    }
+    settings["trackers"]["own"]["variance"]["path"] = str(path)  # type: ignore[index]
+    (built.parent / "own.yaml").write_text(yaml.safe_dump(settings))
+    variance = load_settings(built.parent / "own.yaml").trackers["own"].variance
+    assert isinstance(variance, TableVariance)
+    written = pd.read_csv(path.with_name("variance.csv"))
+    assert variance.table.cm2[0][0] == pytest.approx(written["var_x_cm2"][0], rel=1e-5)
+    assert "Variances by number of markers" in built.read_text()
+
+
+def test_a_report_that_fails_leaves_nothing(
+    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> str:
+        raise RuntimeError("no page")
+
+    monkeypatch.setattr("analysis.report.build.page", broken)
+    with pytest.raises(RuntimeError, match="no page"):
+        report([built.parent / "drive"], tmp_path / "report.html")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_new_report_has_no_files_of_the_old(built: Path, tmp_path: Path) -> None:
+    stale = tmp_path / "r_files" / "9-placement" / "old.csv"
+    own = tmp_path / "r_files" / "notes.txt"
+    stale.parent.mkdir(parents=True)
+    stale.write_text("x")
+    own.write_text("mine")
+    report([built.parent / "drive"], tmp_path / "r.html")
+    assert not stale.exists()
+    assert own.exists()
+    assert (tmp_path / "r_files" / "2-tracking").is_dir()
 
 
 def test_a_folder_that_is_no_result(tmp_path: Path) -> None:

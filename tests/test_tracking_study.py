@@ -23,8 +23,9 @@ from analysis.tracking.consistency import (
     nees,
     nis_test,
 )
-from analysis.tracking.drive import Drive, collect_drive, load_drive, timeline
+from analysis.tracking.drive import Drive, collect_drive, load_drive, timeline, tracks_of
 from analysis.tracking.figures import trajectory_figure
+from analysis.tracking.pool import nees_in_band, pool
 from analysis.tracking.sides import along, corner_to_corner
 from analysis.tracking.statistics import (
     ACCURACY,
@@ -188,6 +189,12 @@ class TestSides:
         assert np.flatnonzero(np.diff(found)).size == 3
         assert (found != true).sum() <= 9
 
+    def test_on_a_corner_the_side_that_begins_has_the_frame(self) -> None:
+        corners = [*RECTANGLE.points_m, RECTANGLE.points_m[0]]
+        ways = [np.linspace(a, b, 20, endpoint=False) for a, b in pairwise(corners)]
+        found = along(corner_to_corner(RECTANGLE), np.concatenate(ways))
+        assert (np.flatnonzero(np.diff(found)) + 1).tolist() == [20, 40, 60]
+
     def test_an_outlier_and_an_unknown_position_do_not_change_the_side(self) -> None:
         positions = around()
         positions[30] = [1.5, 0.1]
@@ -225,8 +232,15 @@ def honest(r_scale: float) -> ConstantVelocity:
 @pytest.fixture(scope="module")
 def known_drive() -> Drive:
     """Motion and fixes drawn from the model of the tracker `true`; the others believe R wrongly."""
-    rng = np.random.default_rng(5)
-    count, dt = 1500, 0.1
+    trackers = {"true": honest(1.0), "tenth": honest(0.1), "tenfold": honest(10.0)}
+    return drawn_drive(5, 1500, trackers)
+
+
+def drawn_drive(
+    seed: int, count: int, trackers: dict[str, ConstantVelocity], beside_m: float = 0.0
+) -> Drive:
+    """Motion with 0.2 m/s² of white acceleration, fixes of 3 and 2 cm, all as far beside it."""
+    rng, dt = np.random.default_rng(seed), 0.1
     positions = np.zeros((count, 2))
     position, velocity = np.zeros(2), np.zeros(2)
     for i in range(1, count):
@@ -234,8 +248,7 @@ def known_drive() -> Drive:
         position = position + dt * velocity + dt**2 / 2 * accel
         velocity = velocity + dt * accel
         positions[i] = position
-    fixes = positions + rng.normal(0, [0.03, 0.02], (count, 2))
-    trackers = {"true": honest(1.0), "tenth": honest(0.1), "tenfold": honest(10.0)}
+    fixes = positions + rng.normal(0, [0.03, 0.02], (count, 2)) + [0.0, beside_m]
     return drive_of(positions, fixes, [4] * count, trackers, path=None)
 
 
@@ -251,8 +264,54 @@ def test_a_true_model_is_consistent_and_r_wrong_by_ten_is_not(known_drive: Drive
     # What the filter says of the data is most likely where its model is theirs.
     assert true["log_likelihood"] > max(tenth["log_likelihood"], tenfold["log_likelihood"])
     sentences = " ".join(study_drives([known_drive]).findings)
-    assert "tenth is overconfident: mean NIS" in sentences
+    assert "tenth is overconfident about its fixes: mean NIS" in sentences
     assert "tenfold is underconfident" in sentences
+
+
+def test_an_error_that_all_fixes_share_is_seen_by_the_exact_truth_only() -> None:
+    """Fixes 6 cm beside the truth throughout: white innovations, a wrong position."""
+    drive = drawn_drive(5, 1500, {"true": honest(1.0)}, beside_m=0.06)
+    row = rows_of(drive)["true", ALL]
+    assert row["verdict"] == "consistent"
+    assert row["nees_mean"] > 10.0
+    (said,) = (s for s in study_drives([drive]).findings if s.startswith("true is"))
+    assert "consistent about its fixes" in said
+    assert "About its position it is overconfident" in said
+
+
+def test_repeats_pooled_know_which_covariance_is_true() -> None:
+    """Bar-Shalom's N-run test: of the true filter 95 % of the moments are in the band."""
+    trackers = {"true": honest(1.0), "tenth": honest(0.1)}
+    drives = [drawn_drive(seed, 300, trackers) for seed in range(20)]
+    tables = [drive_table(drive) for drive in drives]
+    pooled, one = pool(tables), [rows_of(drive)["true", ALL] for drive in drives]
+    rows: dict[str, Any] = {str(r["tracker"]): r for r in pooled.to_dict("records")}
+    true, tenth = rows["true"], rows["tenth"]
+    assert true["verdict"] == "consistent"
+    assert tenth["verdict"] == "overconfident"
+    assert true["updates"] == sum(row["updates"] for row in one)
+    # Twenty repeats know the mean √20 times better.
+    width = one[0]["nis_high"] - one[0]["nis_low"]
+    assert true["nis_high"] - true["nis_low"] == pytest.approx(width / 20**0.5, rel=0.02)
+    rmse_cm = [row["rmse_position_cm"] for row in one]
+    assert true["rmse_position_cm"] == pytest.approx(np.sqrt(np.mean(np.square(rmse_cm))))
+    assert np.isnan(true["path_max_cm"])
+    shares = {}
+    for n, name in enumerate(trackers):
+        repeats = []
+        for drive in drives:
+            exact_m, track = timeline(drive).exact_m, tracks_of(drive)[n]
+            assert exact_m is not None
+            repeats.append(nees(track.position_m - exact_m, track.variance_m2))
+        shares[name] = nees_in_band(repeats)
+    assert shares["true"] == pytest.approx(0.95, abs=0.05)
+    assert shares["tenth"] < 0.3
+
+
+def test_only_repeats_of_one_drive_can_be_pooled(known_drive: Drive) -> None:
+    table = drive_table(known_drive)
+    with pytest.raises(ValueError, match="repeats of one drive"):
+        pool([table, table[table["tracker"] != "tenth"]])
 
 
 def test_the_place_of_overconfidence_is_named() -> None:

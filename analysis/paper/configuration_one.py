@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from analysis.paper.references import CLASSES
 from analysis.paper.site import Site
 from pipeline.batch_pose import (
     BatchPoses,
@@ -26,6 +27,8 @@ MAX_COUNT = 7
 # The paper's solver takes a tenth of a millisecond: of six and seven markers only so many subsets.
 OPENCV_SAMPLE = 10_000
 OPENCV_WHOLE = 5
+# What the paper calls a large error.
+LARGE_M = 0.20
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +105,9 @@ class _Solved:
 
 def _image(site: Site, seed: int) -> tuple[Detections, Pose]:
     T_map_camera = site.scene.pose(0.0)
-    return site.true(seed)(T_map_camera, np.random.default_rng([seed, 31])), T_map_camera
+    # The same noise at both heights would be the same luck.
+    rng = np.random.default_rng([seed, 31, round(1000 * float(T_map_camera.translation[2]))])
+    return site.true(seed)(T_map_camera, rng), T_map_camera
 
 
 def _solved(
@@ -164,3 +169,40 @@ def off_centre_m(site: Site, pair: tuple[int, int]) -> float:
     foot = site.scene.pose(0.0).translation[:2]
     distances = [np.linalg.norm(site.marker_map.by_id[i].centre_m[:2] - foot) for i in pair]
     return float(np.mean(distances))
+
+
+def with_tags(site: Site, stand: Stand, *tags: str) -> Array:
+    """(N, 3) errors of the single markers that the map gives all of these tags."""
+    wanted = set(tags)
+    rows = [e for i, e in stand.single.items() if wanted <= set(site.marker_map.by_id[i].tags)]
+    return np.array(rows).reshape(-1, 3)
+
+
+def of_class(site: Site, stand: Stand, name: str) -> Array:
+    """(N, 3) errors of the single markers of one of the paper's classes."""
+    return with_tags(site, stand, *CLASSES[name])
+
+
+def horizontal_m(errors: Array) -> Array:
+    """(N,) size of each position error."""
+    return np.hypot(errors[:, 0], errors[:, 1])
+
+
+def rmse_m(errors: Array) -> float:
+    """Of the horizontal position."""
+    return float(np.sqrt((errors[:, :2] ** 2).sum(axis=1).mean()))
+
+
+def large_share(errors: Array) -> float:
+    """The share of position errors above the paper's 20 cm."""
+    return float((horizontal_m(errors) > LARGE_M).mean())
+
+
+def size(errors: Array) -> float:
+    """Of the position part of (x, y, …)."""
+    return float(np.hypot(errors[0], errors[1]))
+
+
+def solved_whole(counts: Mapping[int, CountErrors]) -> int:
+    """Up to which number of markers every subset was solved: only there is a maximum one."""
+    return max(n for n, c in counts.items() if c.subsets == c.of)

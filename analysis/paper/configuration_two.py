@@ -2,58 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from analysis.paper.site import Site
-from pipeline.geometry import Array
+from analysis.tracking.consistency import nees
+from analysis.tracking.drive import Drive, collect_drive, timeline, tracks_of
+from analysis.tracking.statistics import ALL, drive_table
+from pipeline.geometry import Array, Pose
+from pipeline.localizer import FrameResult, Localizer, PipelineSettings
 from pipeline.pose import RansacIterative
 from pipeline.selection import MarkerLimit
 from pipeline.tracker import ConstantVelocity
 from recorder.files.truth_file import TruthPath
 from recorder.simulation.trajectory import RectangleTrajectory
-from replay.accuracy import distance_to_path
 
-SIDES = ("top", "left", "bottom", "right")
 LIMITS: tuple[int | None, ...] = (1, 3, 5, None)
+# The sides as the tracking study names them, in the order that they are driven.
+TOP, LEFT, BOTTOM, RIGHT = SIDES = ("1 (max 1)", "2 (max 3)", "3 (max 5)", "4 (all)")
+SIDE_NAMES = dict(zip(SIDES, ("top", "left", "bottom", "right"), strict=True))
 # Half the width of the paper's grey band around its hand-measured path.
 BAND_M = 0.05
-# A track jumps to its first fixes; that is not what its smoothness is about.
-SETTLED_S = 2.0
+PAPER_FILTERS = ("adaptive", "min", "max", "mean", "median")
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
-    """One drive of one seed.
+class Outcome:
+    """One drive of one seed as the tracking study sees it.
 
     Attributes:
-        time_s, exact_m: (N,), (N, 2).
-        side: (N,) index into `SIDES`.
-        fixes_m: (N, 2); NaN without a pose.
-        tracks_m: by tracker, (N, 2).
-        nis: by tracker, (N,); NaN without an update.
-        path: the measured path, here the exact one.
+        table: `analysis.tracking.statistics.drive_table`.
+        nees: by tracker, (N,) of each frame.
+        drive: what the table was made of; the first seed's only.
     """
 
-    time_s: Array
-    exact_m: Array
-    side: Array
-    fixes_m: Array
-    tracks_m: dict[str, Array]
-    nis: dict[str, Array]
-    path: TruthPath
+    table: pd.DataFrame
+    nees: Mapping[str, Array]
+    drive: Drive | None
 
-
-@dataclass(frozen=True)
-class TrackFigures:
-    """One tracker over a drive or one side of it."""
-
-    rmse_m: float
-    path_rms_m: float
-    in_band: float
-    acceleration_mps2: float
-    mean_nis: float
+    def value(self, column: str, tracker: str, side: str = ALL) -> float:
+        """One cell of the table."""
+        rows = self.table[(self.table["tracker"] == tracker) & (self.table["side"] == side)]
+        return float(rows[column].item())
 
 
 def drive(site: Site, seed: int, speed_mps: float, trackers: dict[str, ConstantVelocity]) -> Drive:
@@ -62,54 +55,48 @@ def drive(site: Site, seed: int, speed_mps: float, trackers: dict[str, ConstantV
     if not isinstance(trajectory, RectangleTrajectory):
         raise ValueError(f"expected a rectangle to drive around, found {trajectory.kind}")
     trajectory = trajectory.model_copy(update={"speed_mps": speed_mps})
-    lengths = np.array(
-        [trajectory.width_m, trajectory.height_m, trajectory.width_m, trajectory.height_m]
-    )
-    ends_s = np.cumsum(lengths) / speed_mps
-    time_s = np.arange(0.0, ends_s[-1] - 1e-9, 1.0 / site.scene.file.rate_hz)
-    side = np.searchsorted(ends_s, time_s, side="right")
-    spans = tuple(
+    lengths_m = (trajectory.width_m, trajectory.height_m) * 2
+    ends_s = np.cumsum(lengths_m) / speed_mps
+    limits = tuple(
         MarkerLimit(until_s=float(end), n=limit)
         for end, limit in zip(ends_s[:-1], LIMITS[:-1], strict=True)
     )
-    solver = RansacIterative(max_markers=spans)
-    corners = site.true(seed)
+    times_s = np.arange(0.0, ends_s[-1] - 1e-9, 1.0 / site.scene.file.rate_hz).tolist()
+    exact = [trajectory.pose(t) for t in times_s]
+    settings = PipelineSettings(pose=RansacIterative(max_markers=limits), trackers=trackers)
     # The same noise at every speed would be the same luck.
     rng = np.random.default_rng([seed, 41, round(1000 * speed_mps)])
-    filters = {name: settings.build() for name, settings in trackers.items()}
-    exact, fixes = np.empty((len(time_s), 2)), np.full((len(time_s), 2), np.nan)
-    tracks = {name: np.empty((len(time_s), 2)) for name in trackers}
-    nis = {name: np.empty(len(time_s)) for name in trackers}
-    for i, t in enumerate(time_s.tolist()):
-        T_map_camera = trajectory.pose(t)
-        exact[i] = T_map_camera.translation[:2]
-        fix = solver(corners(T_map_camera, rng), site.camera, site.marker_map, t)
-        if fix.status == "ok" and fix.T_map_camera is not None:
-            fixes[i] = fix.T_map_camera.translation[:2]
-        for name, filter_ in filters.items():
-            state = filter_.step(round(t * 1e9), fix)
-            tracks[name][i] = state.x[[0, 2]]
-            nis[name][i] = state.nis
     corners_m = np.array([trajectory.pose(float(t)).translation[:2] for t in [0.0, *ends_s[:-1]]])
-    path = TruthPath(corners_m, closed=True, std_m=BAND_M)
-    return Drive(time_s, exact, side.astype(np.float64), fixes, tracks, nis, path)
-
-
-def figures(drive: Drive, tracker: str, side: int | None = None) -> TrackFigures:
-    """What the comparison of the filters is made of, over the whole drive or one side."""
-    chosen = np.ones(len(drive.time_s), bool) if side is None else drive.side == side
-    track = drive.tracks_m[tracker]
-    chosen &= np.isfinite(track).all(axis=1)
-    error = track[chosen] - drive.exact_m[chosen]
-    distance = distance_to_path(track[chosen], drive.path)
-    dt = float(drive.time_s[1] - drive.time_s[0])
-    settled = track[chosen & (drive.time_s >= SETTLED_S)]
-    acceleration = np.diff(settled, n=2, axis=0) / dt**2
-    nis = drive.nis[tracker][chosen]
-    return TrackFigures(
-        float(np.sqrt((error**2).sum(axis=1).mean())),
-        float(np.sqrt((distance**2).mean())),
-        float((distance <= drive.path.std_m).mean()),
-        float(np.sqrt((acceleration**2).sum(axis=1).mean())),
-        float(np.nanmean(nis)),
+    return collect_drive(
+        f"{speed_mps:g} m/s",
+        _localized(site, seed, settings, times_s, exact, rng),
+        exact,
+        TruthPath(corners_m, closed=True, std_m=BAND_M),
+        limits,
     )
+
+
+def outcome(
+    site: Site, seed: int, speed_mps: float, trackers: dict[str, ConstantVelocity]
+) -> Outcome:
+    """A drive and what the tracking study makes of it."""
+    driven = drive(site, seed, speed_mps, trackers)
+    exact_m = timeline(driven).exact_m
+    if exact_m is None:
+        raise ValueError("expected exact truth, found none")
+    by_tracker = {t.name: nees(t.position_m - exact_m, t.variance_m2) for t in tracks_of(driven)}
+    return Outcome(drive_table(driven), by_tracker, driven if seed == 0 else None)
+
+
+def _localized(
+    site: Site,
+    seed: int,
+    settings: PipelineSettings,
+    times_s: list[float],
+    exact: list[Pose],
+    rng: np.random.Generator,
+) -> Iterator[FrameResult]:
+    localizer = Localizer(settings, site.camera, site.marker_map, start_ns=0)
+    seen_from = site.true(seed)
+    for i, (t, T_map_camera) in enumerate(zip(times_s, exact, strict=True)):
+        yield localizer.advance(i, round(t * 1e9), seen_from(T_map_camera, rng))

@@ -2,13 +2,15 @@
 
 A marker's four corners err together (an edge that is moved takes two of them along), and CONTOUR
 moves all edges inwards. So the error of a marker is one vector of eight numbers in a frame that
-turns with the marker, with a mean and a covariance of its own for each class of rotation.
+turns with the marker, with a mean and a covariance of its own for each slant: the angle of the
+marker's edges to the pixel rows or columns. An edge along the rows lies at one place in all pixels
+that it crosses, so that its error does not average out along it.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +18,7 @@ import numpy as np
 from pipeline.camera import Camera
 from pipeline.detection import ArucoDetection, Detections
 from pipeline.geometry import Array, Pose
-from pipeline.markers import Marker, MarkerMap
+from pipeline.markers import MarkerMap
 from recorder.simulation.renderer import Renderer
 
 # Fewer markers of a class than this many times its eight numbers give no covariance to trust.
@@ -25,14 +27,14 @@ MIN_SAMPLES = 40
 
 @dataclass(frozen=True, eq=False)
 class CornerNoise:
-    """Mean (8,) and covariance (8, 8) in px², by class of rotation, and how many were measured.
+    """Mean (8,) and covariance (8, 8) in px², by slant in degrees, and how many were measured.
 
     The numbers are x, y of the four corners along the marker's own sides in the image.
     """
 
-    mean_px: dict[str, Array]
-    covariance_px2: dict[str, Array]
-    samples: dict[str, int]
+    mean_px: dict[float, Array]
+    covariance_px2: dict[float, Array]
+    samples: dict[float, int]
 
     def inward_px(self) -> float:
         """Mean shift of a corner towards the marker's centre, along its diagonal."""
@@ -60,9 +62,15 @@ class CornerNoise:
 _OUTWARD = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / np.sqrt(2.0)
 
 
-def rotation_class(marker: Marker) -> str:
-    """The marker's `rot…` tag, by which the noise is told apart; `all` without one."""
-    return next((tag for tag in marker.tags if tag.startswith("rot")), "all")
+# The paper's classes: markers turned by multiples of 90°, 45° and 22.5° in a camera that is not.
+SLANTS_DEG = (0.0, 22.5, 45.0)
+
+
+def slant_deg(corners_px: Array) -> float:
+    """Which of `SLANTS_DEG` is nearest to the angle of a marker's edges to rows or columns."""
+    x = _along_sides(corners_px)[:, 0]
+    angle = float(np.degrees(np.arctan2(x[1], x[0]))) % 90.0
+    return min(SLANTS_DEG, key=lambda slant: abs(min(angle, 90.0 - angle) - slant))
 
 
 def measure(
@@ -75,10 +83,10 @@ def measure(
     """Renders a frame at each pose and compares what is detected with what was drawn.
 
     Raises:
-        ValueError: a class of rotation was seen too seldom for a covariance.
+        ValueError: a slant was seen too seldom for a covariance.
     """
     find = detector.build(marker_map)
-    samples: defaultdict[str, list[Array]] = defaultdict(list)
+    samples: defaultdict[float, list[Array]] = defaultdict(list)
     for index, T_map_camera in enumerate(poses):
         found = find(renderer.capture(T_map_camera, index))
         T_camera_map = T_map_camera.inverse()
@@ -88,10 +96,10 @@ def measure(
                 continue
             exact = camera.project(T_camera_map.apply(marker.corners_m))
             error = (corners - exact) @ _along_sides(exact)
-            samples[rotation_class(marker)].append(error.ravel())
+            samples[slant_deg(exact)].append(error.ravel())
     few = {name: len(rows) for name, rows in samples.items() if len(rows) < MIN_SAMPLES}
     if few or not samples:
-        raise ValueError(f"expected at least {MIN_SAMPLES} markers of each class, found {few}")
+        raise ValueError(f"expected at least {MIN_SAMPLES} markers of each slant, found {few}")
     stacked = {name: np.array(rows) for name, rows in sorted(samples.items())}
     return CornerNoise(
         {name: rows.mean(axis=0) for name, rows in stacked.items()},
@@ -110,26 +118,28 @@ class NoisyCorners:
         self._corners_m = marker_map.corners_m(m.id for m in self._markers)
         self._normals = np.array([m.normal for m in self._markers])
         self._centres_m = np.array([m.centre_m for m in self._markers])
-        classes = [rotation_class(m) for m in self._markers]
-        self._mean = np.array([noise.mean_px[c] for c in classes])
-        self._factor = np.array([_factor(noise.covariance_px2[c]) for c in classes])
+        self._mean = noise.mean_px
+        self._factor = {slant: _factor(c) for slant, c in noise.covariance_px2.items()}
 
     def __call__(self, T_map_camera: Pose, rng: np.random.Generator) -> Detections:
         """The markers wholly in the image, by id; each with a fresh draw of the noise."""
         exact = self._camera.project(T_map_camera.inverse().apply(self._corners_m))
         exact = exact.reshape(-1, 4, 2)
         draws = rng.standard_normal((len(exact), 8))
-        error = self._mean + np.einsum("nij,nj->ni", self._factor, draws)
         size = np.array(self._camera.image_size)
         facing = ((T_map_camera.translation - self._centres_m) * self._normals).sum(axis=1) > 0
         with np.errstate(invalid="ignore"):
             inside = ((exact >= 2.0) & (exact <= size - 3.0)).all(axis=(1, 2)) & facing
         index = np.flatnonzero(inside)
-        corners = np.array(
-            [exact[i] + error[i].reshape(4, 2) @ _along_sides(exact[i]).T for i in index]
-        )
+        corners = np.array([exact[i] + self._error(exact[i], draws[i]) for i in index])
         ids = np.array([self._markers[i].id for i in index], dtype=np.int64)
         return Detections(ids, corners.reshape(-1, 4, 2))
+
+    def _error(self, corners_px: Array, draw: Array) -> Array:
+        """(4, 2) in the image's axes."""
+        slant = slant_deg(corners_px)
+        error = self._mean[slant] + self._factor[slant] @ draw
+        return np.asarray(error.reshape(4, 2) @ _along_sides(corners_px).T)
 
 
 def _along_sides(corners_px: Array) -> Array:
@@ -145,13 +155,11 @@ def _factor(covariance: Array) -> Array:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def jittered(T_map_camera: Pose, count: int, seed: int, spread_m: float = 0.02) -> Sequence[Pose]:
-    """Poses around one, so that each frame cuts the markers' edges elsewhere in the pixels."""
+def jittered(poses: Iterable[Pose], seed: int, spread_m: float) -> list[Pose]:
+    """Each pose moved and turned a little: it cuts markers' edges elsewhere in the pixels."""
     rng = np.random.default_rng([seed, 11])
-    shifts = rng.uniform(-spread_m, spread_m, (count, 3))
-    turns = rng.uniform(-0.01, 0.01, (count, 3))
     return [
-        Pose(T_map_camera.rotation, T_map_camera.translation + shift)
-        @ Pose.from_rvec_tvec(turn, np.zeros(3))
-        for shift, turn in zip(shifts, turns, strict=True)
+        Pose(pose.rotation, pose.translation + rng.uniform(-spread_m, spread_m, 3))
+        @ Pose.from_rvec_tvec(rng.uniform(-0.01, 0.01, 3), np.zeros(3))
+        for pose in poses
     ]

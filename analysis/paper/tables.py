@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from analysis.paper.configuration_one import CountErrors, Stand
-from analysis.paper.configuration_two import SIDES, figures
+from analysis.paper.configuration_one import CountErrors, Stand, of_class
 from analysis.paper.experiments import Experiments
-from analysis.paper.findings import of_class
 from analysis.paper.references import CLASSES, COUNT, PLACEMENT_HIGH, PLACEMENT_LOW, Row
 from analysis.paper.site import Site
+from analysis.paper.tracking_tables import tracking_tables
 from analysis.study import StudyTable
 from pipeline.geometry import Array
 from pipeline.variance import PAPER_TABLE
@@ -42,7 +41,7 @@ def all_tables(runs: Experiments) -> list[StudyTable]:
         ),
         count(runs),
         count_batch(runs),
-        *(tracking(runs, speed) for speed in runs.drives),
+        *tracking_tables(runs),
     ]
 
 
@@ -92,7 +91,9 @@ def count(runs: Experiments) -> StudyTable:
     for n, paper in COUNT.items():
         counts = [stand.counts[n] for stand in runs.high]
         rmse, mean, largest = _pooled(counts)
-        rows.append({"markers": n, **_columns(paper, rmse, mean), "ours max cm": largest})
+        known = counts[0].subsets == counts[0].of
+        row: dict[str, float] = {"markers": n, **_columns(paper, rmse, mean)}
+        rows.append(row | {"ours max cm": largest if known else np.nan})
     sampled = ", ".join(
         f"{c.subsets} of {c.of} with {n}"
         for n, c in runs.high[0].counts.items()
@@ -105,7 +106,7 @@ def count(runs: Experiments) -> StudyTable:
         (
             f"Every subset up to five markers; random ones above: {sampled}.",
             _OURS,
-            "Max: the largest position error, median over the seeds.",
+            "Max: the largest position error, median over the seeds; a sample has none.",
         ),
     )
 
@@ -125,7 +126,9 @@ def count_batch(runs: Experiments) -> StudyTable:
                 "max cm": largest,
                 "paper's solver RMSE x cm": float(plain_rmse[0]),
                 "paper's solver RMSE y cm": float(plain_rmse[1]),
-                "paper's solver max cm": plain_largest,
+                "paper's solver max cm": plain_largest
+                if runs.high[0].counts[n].subsets == runs.high[0].counts[n].of
+                else np.nan,
             }
         )
     return StudyTable(
@@ -157,35 +160,3 @@ def _columns(paper: Row, rmse: Array, mean: Array) -> dict[str, float]:
     for i, axis in enumerate(_AXES):
         row[f"paper mean {axis}"], row[f"ours mean {axis}"] = paper[3 + i], float(mean[i])
     return row
-
-
-def tracking(runs: Experiments, speed_mps: float) -> StudyTable:
-    """The filters over the whole drive and on each side."""
-    drives = runs.drives[speed_mps]
-    rows = []
-    for name in drives[0].tracks_m:
-        whole = [figures(d, name) for d in drives]
-        row: dict[str, object] = {
-            "filter": name,
-            "RMSE cm": 100.0 * float(np.mean([f.rmse_m for f in whole])),
-            "to path cm": 100.0 * float(np.mean([f.path_rms_m for f in whole])),
-            "in ±5 cm %": 100.0 * float(np.mean([f.in_band for f in whole])),
-            "mean NIS": float(np.mean([f.mean_nis for f in whole])),
-        }
-        for i, side in enumerate(SIDES):
-            part = [figures(d, name, i) for d in drives]
-            row[f"{side} RMSE cm"] = 100.0 * float(np.mean([f.rmse_m for f in part]))
-            row[f"{side} accel. m/s²"] = float(np.mean([f.acceleration_mps2 for f in part]))
-        rows.append(row)
-    return StudyTable(
-        f"tracking_{speed_mps:g}".replace(".", "_"),
-        f"The filters at {speed_mps:g} m/s",
-        pd.DataFrame(rows),
-        (
-            f"Means over {len(drives)} seeds. At most 1, 3, 5 and all markers on the top, left, "
-            "bottom and right side. `fitted`: the same models with our variances and R = σ² (the "
-            "paper's filters have R = σ²/4). Distances are to the exact path. A consistent filter "
-            "has a mean NIS of 2. Accelerations are from 2 s after the start on: before, a track "
-            "jumps to its first fixes.",
-        ),
-    )

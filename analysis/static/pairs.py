@@ -64,13 +64,18 @@ def table(views: Sequence[tuple[str, Pairs]]) -> StudyTable:
     """Errors by thirds of separation and of distance from the image centre."""
     import pandas as pd
 
-    rows = []
+    rows, empty = [], []
     for height, found in views:
         near, apart = thirds(found.separation_m), thirds(found.centre_px)
         for s in range(3):
             for c in range(3):
                 inside = (near.part == s) & (apart.part == c)
                 cm = found.rms_cm[inside]
+                if not len(cm):
+                    empty.append(
+                        f"{near.names(2)[s]} m apart, {apart.names(0)[c]} px from the centre, "
+                        f"height {height}"
+                    )
                 rows.append(
                     {
                         "height_m": height,
@@ -90,6 +95,7 @@ def table(views: Sequence[tuple[str, Pairs]]) -> StudyTable:
             "Rows are thirds of the pairs by separation, in each thirds by mean distance from the "
             "image centre; a pair's error is the root mean square over frames "
             f"({'; '.join(f'{found.frames} at {height}' for height, found in views)}).",
+            *([f"No pairs, so cells are empty: {'; '.join(empty)}."] if empty else []),
         ),
     )
 

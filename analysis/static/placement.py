@@ -48,7 +48,7 @@ class Alone:
 
     @property
     def label(self) -> str:
-        return f"{self.view.height_m:.3f} m" + self.height[len(f"{self.view.height_m:.3f}") :]
+        return metres(self.height)
 
     @property
     def has_truth(self) -> bool:
@@ -57,6 +57,12 @@ class Alone:
     def of(self, ids: Sequence[int]) -> Array:
         """(frames, markers, 3) errors of some markers."""
         return self.errors[:, self.fixes.columns(ids)]
+
+
+def metres(height: str) -> str:
+    """A height as tables show it, with its unit: `2.991 (folder)` is `2.991 m (folder)`."""
+    number, space, folder = height.partition(" ")
+    return f"{number} m{space}{folder}"
 
 
 @dataclass(frozen=True)

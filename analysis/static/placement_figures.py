@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analysis.static.pairs import Pairs, thirds
-from analysis.static.placement import Alone
+from analysis.static.placement import Alone, metres
 from analysis.study import StudyFigure, StudyTable
 from analysis.style import FAINT, PALETTE, SEQUENTIAL, SHAPES, SINGLE, WIDE, new_figure
 from pipeline.geometry import Array
@@ -36,7 +36,7 @@ def distribution(views: Sequence[Alone]) -> StudyFigure:
     for axis in axes[: len(views)]:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=6)
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3 * columns)
     counts = "; ".join(
         f"{view.label}: {n} of {total}" for view, (n, total) in zip(views, outside, strict=True)
     )
@@ -129,7 +129,7 @@ def shares(table: StudyTable, large_cm: float) -> StudyFigure:
             )
             bars = np.nan_to_num(np.abs(ends - share))
             axis.errorbar(at, share, bars, fmt="none", ecolor="black", capsize=4)
-        axis.set_xticks(range(len(heights)), [f"{h} m" for h in heights])
+        axis.set_xticks(range(len(heights)), [metres(h).replace(" (", "\n(") for h in heights])
         axis.set(xlabel="camera height", ylim=(0, 100), title=f"of the {what}")
         axis.grid(visible=False, axis="x")
     panels[0].set_ylabel(f"error above {large_cm:g} cm (%)")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.static.placement import Alone
+from analysis.static.placement import Alone, metres
 from analysis.static.statistics import statistics
 from pipeline.geometry import Array
 
@@ -57,5 +57,5 @@ def ring_findings(share: pd.DataFrame, large_cm: float) -> list[str]:
             f"{row.fixes_above_pct:.1f} % of the fixes"
             for row in rows.itertuples()
         )
-        found.append(f"Errors above {large_cm:g} cm at {height} m: {listed}.")
+        found.append(f"Errors above {large_cm:g} cm at {metres(str(height))}: {listed}.")
     return found

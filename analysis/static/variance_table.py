@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from analysis.static.subsets import (
     select_frames,
     solve_sizes,
 )
+from analysis.static.variance_figure import variance_figure
 from analysis.static.variance_measure import (
     DRAWS,
     MIN_FIXES,
@@ -25,7 +26,7 @@ from analysis.static.variance_measure import (
     usable_rows,
 )
 from analysis.static.view import StillView, open_view
-from analysis.study import Study, StudyTable
+from analysis.study import Study, StudyTable, write_files
 from pipeline.geometry import Array
 from recorder.errors import InputError
 from replay.versions import versions
@@ -35,8 +36,28 @@ DEFAULTS = SubsetOptions(sample=20_000, n_frames=20)
 _AXES = ("x", "y")
 
 
+@dataclass(frozen=True)
+class VarianceStudy:
+    """The study, and the table.yaml that it makes: its content under a file name."""
+
+    study: Study
+    content: Callable[[str], str]
+
+
 def variance(folder: Path, output: Path, options: SubsetOptions = DEFAULTS) -> Study:
     """Measures a result's variances and writes them to the file `output`.
+
+    Raises:
+        InputError: as `study_variance`.
+    """
+    measured = study_variance(folder, options)
+    write_files(output.parent, {output.name: measured.content(output.name).encode()})
+    written = f"Written to {output}; use it with variance: {{kind: table, path: {output.name}}}."
+    return replace(measured.study, findings=(*measured.study.findings, written))
+
+
+def study_variance(folder: Path, options: SubsetOptions = DEFAULTS) -> VarianceStudy:
+    """Measures a result's variances.
 
     Raises:
         InputError: no result, no known marker, the camera moved, or one marker alone has fewer
@@ -54,38 +75,32 @@ def variance(folder: Path, output: Path, options: SubsetOptions = DEFAULTS) -> S
             f"one marker, found {measured[0].subsets} with {measured[0].fixes}; a longer log or "
             "more --frames gives more fixes",
         )
-    write_table(output, rows, _source(view, chosen, measured, options))
-    return Study(
+    study = Study(
         "variance",
         "Variances by number of markers",
         (_table(view, chosen, measured, options, len(rows)), _sample_table(measured)),
-        (),
-        tuple(_findings(measured, output)),
+        (variance_figure(rows),),
+        tuple(_findings(measured)),
+    )
+    return VarianceStudy(
+        study, lambda name: table_text(name, rows, _source(view, chosen, measured, options))
     )
 
 
-def write_table(path: Path, rows: Sequence[MeasuredVariance], source: dict[str, Any]) -> None:
-    """A table.yaml; an earlier one is replaced."""
+def table_text(name: str, rows: Sequence[MeasuredVariance], source: dict[str, Any]) -> str:
+    """A table.yaml that is to be called `name`."""
     content = {
         "cm2": [_plain(row.cm2) for row in rows],
         "robust_cm2": [_plain(row.robust_cm2) for row in rows],
         "source": source,
     }
     body: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
-    header = (
+    return (
         "# Variances of a position fix in cm² (x, y) with one, two, … markers, about their mean.\n"
-        "# In settings.yaml, in a tracker:  variance: {kind: table, path: "
-        f"{path.name}}}\n"
-        "# robust_cm2, from the median absolute deviation:  {kind: table, path: "
-        f"{path.name}, column: robust_cm2}}\n"
-    )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        temporary.write_text(header + body)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        f"# In settings.yaml, in a tracker:  variance: {{kind: table, path: {name}}}\n"
+        "# robust_cm2, from the median absolute deviation:  "
+        f"{{kind: table, path: {name}, column: robust_cm2}}\n"
+    ) + body
 
 
 def _plain(values: Array) -> list[float]:
@@ -195,7 +210,7 @@ def _sample_table(measured: Sequence[MeasuredVariance]) -> StudyTable:
     )
 
 
-def _findings(measured: Sequence[MeasuredVariance], output: Path) -> list[str]:
+def _findings(measured: Sequence[MeasuredVariance]) -> list[str]:
     found = []
     heavy = [
         f"{row.markers}: {np.sqrt(row.cm2.sum() / row.robust_cm2.sum()):.1f}"
@@ -207,7 +222,4 @@ def _findings(measured: Sequence[MeasuredVariance], output: Path) -> list[str]:
             "Standard deviation over the robust one, by number of markers (1: a Gaussian; more: "
             f"outliers): {', '.join(heavy)}."
         )
-    found.append(
-        f"Written to {output}; use it with variance: {{kind: table, path: {output.name}}}."
-    )
     return found

@@ -38,10 +38,14 @@ class NisTest:
 
     @property
     def verdict(self) -> Verdict:
-        """Overconfident: the innovations are larger than the filter believed they would be."""
-        if self.mean > self.high:
-            return "overconfident"
-        return "underconfident" if self.mean < self.low else "consistent"
+        return nis_verdict(self.mean, self.low, self.high)
+
+
+def nis_verdict(mean: float, low: float, high: float) -> Verdict:
+    """Overconfident: the innovations are larger than the filter believed they would be."""
+    if mean > high:
+        return "overconfident"
+    return "underconfident" if mean < low else "consistent"
 
 
 def nis_test(nis: Array) -> NisTest:

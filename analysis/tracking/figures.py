@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from analysis.style import FAINT, SHAPES, TRUTH_COLOUR, new_figure, tracker_colours
+from analysis.style import FAINT, SHAPES, TRUTH_COLOUR, WIDE, new_figure, tracker_colours
 from analysis.tracking.drive import Drive, Timeline, Track, timeline, tracks_of
 from analysis.tracking.statistics import ALL
 from pipeline.geometry import Array
@@ -44,7 +44,8 @@ def trajectory_figure(drive: Drive, side: int | None = None) -> tuple[Figure, in
     axes = figure.add_subplot()
     if drive.path is not None:
         _draw_path(axes, drive.path)
-    fixes = frames.fix_m[np.isfinite(frames.fix_m).all(axis=1)]
+    here = frames.side == side if side is not None else np.ones(len(frames.side), dtype=np.bool_)
+    fixes = frames.fix_m[here & np.isfinite(frames.fix_m).all(axis=1)]
     axes.plot(*fixes.T, ".", color=TRUTH_COLOUR, markersize=2.5, label=FIXES, zorder=2)
     if frames.exact_m is not None:
         axes.plot(
@@ -64,20 +65,48 @@ def trajectory_figure(drive: Drive, side: int | None = None) -> tuple[Figure, in
         line.set_path_effects([Stroke(linewidth=2.5, foreground="#505050"), Normal()])
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x in m", ylabel="y in m")
     axes.set_aspect("equal")
-    figure.legend(loc="outside lower center", ncols=4, markerscale=2.5)
+    # A column takes an inch and a half.
+    columns = max(2, int(figure.get_figwidth() / 1.6))
+    figure.legend(loc="outside lower center", ncols=min(4, columns), markerscale=2.5)
     outside = int(((fixes < low) | (fixes > high)).any(axis=1).sum())
     return figure, outside
 
 
-def nis_figure(table: pd.DataFrame) -> Figure:
-    """Mean NIS of each tracker by side, with the band where it is expected."""
-    figure = new_figure()
-    axes = figure.add_subplot()
+def consistency_figure(table: pd.DataFrame) -> Figure:
+    """Mean NIS of each tracker by side with its band and, with exact truth, mean NEES."""
     rows = table[table["tracker"] != FIXES]
+    panels = [("nis_mean", "mean NIS, of the fixes")]
+    if rows["nees_mean"].notna().any():
+        panels.append(("nees_mean", "mean NEES, of the position"))
     names, sides = list(dict.fromkeys(rows["tracker"])), list(dict.fromkeys(rows["side"]))
+    figure = new_figure((WIDE[0], WIDE[1] if len(panels) == 1 else 4.4))
+    for axes, (column, label) in zip(
+        figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True
+    ):
+        _by_side(axes, rows, column, names, sides)
+        axes.axhline(2.0, color=TRUTH_COLOUR, linewidth=0.8, linestyle=":")
+        axes.set_yscale("log")
+        axes.set_xticks(
+            range(len(sides)), ["all" if s == ALL else s.replace(" (", "\n(") for s in sides]
+        )
+        axes.set(xlabel="side", title=f"{label} (2 where the model is true)")
+        axes.title.set_fontsize(10)
+    for position, side in enumerate(sides):
+        low, high = rows[rows["side"] == side][["nis_low", "nis_high"]].max().tolist()
+        if np.isfinite(low):
+            ends = [position - 0.45, position + 0.45]
+            figure.axes[0].fill_between(ends, low, high, color=FAINT, alpha=0.6, linewidth=0)
+    handles = figure.axes[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=5)
+    return figure
+
+
+def _by_side(
+    axes: Axes, rows: pd.DataFrame, column: str, names: list[str], sides: list[str]
+) -> None:
     colours = tracker_colours(names)
     for i, name in enumerate(names):
-        mean = rows[rows["tracker"] == name].set_index("side")["nis_mean"].reindex(sides)
+        mean = rows[rows["tracker"] == name].set_index("side")[column].reindex(sides)
         offset = 0.6 * ((i + 0.5) / len(names) - 0.5)
         axes.plot(
             np.arange(len(sides)) + offset,
@@ -88,17 +117,6 @@ def nis_figure(table: pd.DataFrame) -> Figure:
             markersize=8,
             label=name,
         )
-    for position, side in enumerate(sides):
-        low, high = rows[rows["side"] == side][["nis_low", "nis_high"]].max().tolist()
-        if np.isfinite(low):
-            axes.fill_between(
-                [position - 0.45, position + 0.45], low, high, color=FAINT, alpha=0.6, linewidth=0
-            )
-    axes.set_yscale("log")
-    axes.set_xticks(range(len(sides)), ["whole drive" if s == ALL else f"side {s}" for s in sides])
-    axes.set_ylabel("mean NIS (2 where the model is true)")
-    figure.legend(loc="outside lower center", ncols=5)
-    return figure
 
 
 def _view(

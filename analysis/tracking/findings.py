@@ -14,11 +14,14 @@ _Row = dict[str, Any]
 
 def findings(table: pd.DataFrame) -> tuple[str, ...]:
     """Sentences about one drive, from its `tracking_table`."""
-    trackers = table[table["tracker"] != FIXES]
-    rows = [{str(key): value for key, value in row.items()} for row in trackers.to_dict("records")]
+    everything = [{str(k): value for k, value in row.items()} for row in table.to_dict("records")]
+    rows = [row for row in everything if row["tracker"] != FIXES]
+    fixes = {row["side"]: row for row in everything if row["tracker"] == FIXES}
     sentences = [
         *_best(rows, "rmse_position_cm", "nearest to the exact truth", "RMSE {:.2f} cm"),
+        *_unfiltered(rows, fixes, "rmse_position_cm"),
         *_best(rows, "path_rms_cm", "nearest to the measured path", "rms {:.2f} cm"),
+        *_unfiltered(rows, fixes, "path_rms_cm"),
         *_best(rows, "accel_rms_cmps2", "smoothest", "RMS acceleration {:.2f} cm/s²"),
         *_best(rows, "log_likelihood", "most likely", "{:.2f} nats an update", largest=True),
     ]
@@ -51,44 +54,82 @@ def _best(
     return [f"{sentence}; {', '.join(others)}." if others else f"{sentence}."]
 
 
+def _unfiltered(rows: list[_Row], fixes: dict[str, _Row], column: str) -> list[str]:
+    """Where the fixes themselves are nearer than every tracker."""
+    places = []
+    for side, fix in fixes.items():
+        of_trackers = [row[column] for row in rows if row["side"] == side]
+        if of_trackers and fix[column] < min(of_trackers) - 0.005:
+            where = "over the whole drive" if side == ALL else f"on side {side}"
+            places.append(f"{where} ({fix[column]:.2f} cm)")
+    return [f"The fixes themselves are nearer still {', '.join(places)}."] if places else []
+
+
 def _consistency(name: str, rows: list[_Row]) -> list[str]:
-    """Whether the tracker is over- or underconfident, and where."""
+    """What the innovations say of the tracker's covariance, and what the exact truth says."""
     whole = next((row for row in rows if row["side"] == ALL), None)
     if whole is None or not whole["verdict"]:
         return []
+    sides = [row for row in rows if row["side"] != ALL]
     by_verdict: dict[str, list[str]] = {}
-    for row in rows:
-        if row["side"] != ALL and row["verdict"]:
-            place = f"{row['side']}: {row['nis_mean']:.2f}"
-            by_verdict.setdefault(row["verdict"], []).append(place)
+    for row in sides:
+        if row["verdict"]:
+            by_verdict.setdefault(row["verdict"], []).append(
+                f"{row['side']}: {row['nis_mean']:.2f}"
+            )
     average = " on average" if by_verdict and whole["verdict"] not in by_verdict else ""
     sentence = (
-        f"{name} is {whole['verdict']}{average}: mean NIS {whole['nis_mean']:.2f}, expected "
-        f"{whole['nis_low']:.2f} to {whole['nis_high']:.2f} (n = {int(whole['updates'])})"
+        f"{name} is {whole['verdict']}{average} about its fixes: mean NIS {whole['nis_mean']:.2f}, "
+        f"expected {whole['nis_low']:.2f} to {whole['nis_high']:.2f} "
+        f"(n = {int(whole['updates'])})"
     )
     if by_verdict:
-        parts = [f"{verdict} on {_listed(sides)}" for verdict, sides in by_verdict.items()]
+        parts = [f"{verdict} on {_listed(places)}" for verdict, places in by_verdict.items()]
         sentence += f"; {', '.join(parts)}"
+    return [sentence + _position(whole, sides) + _whiteness(whole) + "."]
+
+
+def _position(whole: _Row, sides: list[_Row]) -> str:
+    """By the exact truth, which also sees an error that all fixes share; innovations do not."""
     nees = whole["nees_mean"]
-    if nees == nees:
-        sentence += (
-            f". Its position is off by {(nees / 2.0) ** 0.5:.1f} times what its covariance says "
-            f"(mean NEES {nees:.1f}, 2 expected)"
+    if nees != nees:
+        return ""
+    text = (
+        f". About its position it is {_sureness(nees)}: errors are {_times(nees):.1f} times what "
+        f"its covariance says (mean NEES {nees:.1f}, 2 expected)"
+    )
+    known = [row for row in sides if row["nees_mean"] == row["nees_mean"]]
+    if len(known) > 1:
+        worst, best = (f(known, key=lambda row: row["nees_mean"]) for f in (max, min))
+        text += (
+            f", most on side {worst['side']} ({_times(worst['nees_mean']):.1f} times), least on "
+            f"side {best['side']} ({_times(best['nees_mean']):.1f})"
         )
+    return text
+
+
+def _whiteness(whole: _Row) -> str:
     lags = [lag for lag in (whole["lag1_x"], whole["lag1_y"]) if lag == lag]
     lag = max(lags, key=abs, default=0.0)
-    if abs(lag) > whole["lag1_band"]:
-        # A gain that is too small leaves errors of one sign, one that is too large overshoots.
-        why = (
-            "it lags behind, or the fixes share a bias"
-            if lag > 0
-            else "it follows the fixes' noise"
-        )
-        sentence += (
-            f". Its innovations are not white: {why} (autocorrelation {lag:+.2f}, "
-            f"±{whole['lag1_band']:.2f} expected)"
-        )
-    return [sentence + "."]
+    if abs(lag) <= whole["lag1_band"]:
+        return ""
+    # A gain that is too small leaves errors of one sign, one that is too large overshoots.
+    why = "it lags behind, or the fixes share a bias" if lag > 0 else "it follows the fixes' noise"
+    return (
+        f". Its innovations are not white: {why} (autocorrelation {lag:+.2f}, "
+        f"±{whole['lag1_band']:.2f} expected)"
+    )
+
+
+def _times(nees: float) -> float:
+    return float((nees / 2.0) ** 0.5)
+
+
+def _sureness(nees: float) -> str:
+    """In a word; one run's NEES has no band, so a fifth in size is let pass."""
+    if _times(nees) > 1.2:
+        return "overconfident"
+    return "underconfident" if _times(nees) < 1 / 1.2 else "about right"
 
 
 def _listed(sides: list[str]) -> str:

@@ -20,6 +20,7 @@ CORNER_DEG = 20.0
 # Changing the side costs as much as this many metres, summed over frames: at a corner two sides
 # are equally near, and noise alone must not move a frame from one to the other.
 CHANGE_M = 1.0
+_TIE_M = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +74,9 @@ def along(sides: tuple[Side, ...], positions_m: Array) -> npt.NDArray[np.int64]:
     came_from = np.zeros(cost.shape, dtype=np.int64)
     for i, here in enumerate(cost):
         ways = total[:, None] + change
-        came_from[i] = ways.argmin(axis=0)
+        # On a corner the side that begins there has the frame, as a limit ends before its time.
+        stays = ways.diagonal() <= ways.min(axis=0) + _TIE_M
+        came_from[i] = np.where(stays, np.arange(len(sides)), ways.argmin(axis=0))
         total = ways.min(axis=0) + here
     chosen = np.zeros(len(cost), dtype=np.int64)
     best = int(total.argmin())

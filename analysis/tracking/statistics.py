@@ -19,6 +19,9 @@ ALL = "all"
 # With fewer frames or updates a statistic is left empty.
 MIN_COUNT = 10
 
+# A track jumps to its first fixes; that is not what its smoothness is about.
+SETTLED_S = 2.0
+
 ACCURACY = (
     "frames",
     "rmse_x_cm",
@@ -99,9 +102,17 @@ def acceleration(time_s: Array, position_m: Array) -> Array:
 
 
 def acceleration_rms(time_s: Array, position_m: Array, inside: npt.NDArray[np.bool_]) -> float:
-    """RMS acceleration, m/s², around the positions that are `inside`; NaN with too few."""
+    """RMS acceleration, m/s², of the positions that are `inside`; NaN with too few.
+
+    Only from `SETTLED_S` after the first known position on. All three positions of a second
+    difference are inside: what happens from one side to the next is neither's.
+    """
     known = np.isfinite(position_m).all(axis=1)
-    values = acceleration(time_s[known], position_m[known])[inside[known][1:-1]]
+    if known.any():
+        known &= time_s >= time_s[known][0] + SETTLED_S
+    here = inside[known]
+    values = acceleration(time_s[known], position_m[known])
+    values = values[here[:-2] & here[1:-1] & here[2:]]
     values = values[np.isfinite(values).all(axis=1)]
     return float(np.sqrt((values**2).sum(axis=1).mean())) if len(values) >= MIN_COUNT else np.nan
 

@@ -9,13 +9,14 @@ import pandas as pd
 
 from analysis.study import Study, StudyFigure, StudyTable
 from analysis.tracking.drive import Drive, Timeline, load_drive, timeline
-from analysis.tracking.figures import nis_figure, trajectory_figure
+from analysis.tracking.figures import consistency_figure, trajectory_figure
 from analysis.tracking.findings import findings
 from analysis.tracking.statistics import (
     ACCURACY,
     ALL,
     CONSISTENCY,
     MIN_COUNT,
+    SETTLED_S,
     acceleration_rms,
     drive_table,
 )
@@ -61,7 +62,9 @@ def _tables(whole: pd.DataFrame, keys: list[str], notes: tuple[str, ...]) -> tup
     trackers, tracker_sides = (part[part["tracker"] != FIXES] for part in (overall, sides))
     overall_keys = [key for key in keys if key != "side"]
     accuracy_notes = (
-        "accel_rms: second differences of the positions over the real time steps",
+        "markers: median of those used in a fix",
+        "accel_rms: second differences of the positions over the real time steps, from "
+        f"{SETTLED_S:g} s after a track's first fix on; by side, without the step to the next",
         *notes,
     )
     tables = [
@@ -96,11 +99,15 @@ def _tables(whole: pd.DataFrame, keys: list[str], notes: tuple[str, ...]) -> tup
 
 
 CONSISTENCY_NOTES = (
+    "markers: median of those used in a fix",
+    "verdict: about the fixes, by the NIS; an error that all fixes share (a marker in the wrong "
+    "place, a biased corner) is not in it, only in the NEES",
     "nis_low, nis_high: 95 % band of a mean NIS, chi-square of 2 degrees of freedom an update; "
     "above it a filter is overconfident, below it underconfident",
     "nees_mean: of the position against the exact truth, 2 expected; without a band, because the "
     "errors of one run depend on each other",
     "lag1: autocorrelation of the innovations divided by their σ, white within ± lag1_band",
+    "over the whole drive lag1 is that of the innovations that are largest against their σ",
     "log_likelihood: of the innovations, mean of an update (nats); more is better",
     "Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, "
     "section 5.4",
@@ -168,10 +175,11 @@ def _figures(drive: Drive, frames: Timeline, table: pd.DataFrame, suffix: str) -
     if table["nis_mean"].notna().any():
         figures.append(
             StudyFigure(
-                f"tracking_nis{suffix}",
+                f"tracking_consistency{suffix}",
                 f"Consistency{of}",
-                nis_figure(table),
-                "Mean NIS by side; grey: the 95 % band. Above it a filter is overconfident",
+                consistency_figure(table),
+                "Above 2 (NIS: above the grey 95 % band) a filter is overconfident. An error that "
+                "all fixes share shows in the NEES only, which needs exact truth",
             )
         )
     return figures
