@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from recorder.bench.marks import Mark, MarkReader
 from recorder.errors import InputError
 from recorder.image_header import read_header
 from recorder.log import topics
@@ -89,6 +90,7 @@ class TruthInfo:
     stood_poses: int
     trajectory_poses: int
     exact_poses: int
+    waypoints: int = 0
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,7 @@ class LogInfo:
         shortfall: why it is not whole; None where it is.
         problems: what is wrong with the files in the log.
         events: the first hundred.
+        marks: of waypoints, by the operator; those undone too.
     """
 
     path: str
@@ -114,6 +117,7 @@ class LogInfo:
     events: tuple[dict[str, Any], ...]
     problems: tuple[str, ...]
     session: dict[str, str]
+    marks: tuple[Mark, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -130,6 +134,7 @@ def log_info(path: Path) -> LogInfo:
         images = ImageCounter(log.start_ns or 0)
         levels: Counter[str] = Counter()
         events: list[dict[str, Any]] = []
+        marks = MarkReader(log.start_ns or 0)
         exact = 0
         for record in log.records():
             if isinstance(record, LogImage):
@@ -138,6 +143,7 @@ def log_info(path: Path) -> LogInfo:
                 exact += 1
             elif isinstance(record, LogEvent):
                 levels[record.level] += 1
+                marks.add(record.timestamp_ns, record.message)
                 if len(events) < _EVENTS_KEPT:
                     at_s = (record.timestamp_ns - (log.start_ns or 0)) / 1e9
                     events.append({"at_s": at_s, "level": record.level, "text": record.message})
@@ -155,6 +161,7 @@ def log_info(path: Path) -> LogInfo:
             events=tuple(events),
             problems=tuple(dict.fromkeys(problems)),
             session=dict(log.metadata.get(topics.SESSION, {})),
+            marks=marks.marks,
         )
 
 
@@ -238,6 +245,7 @@ def _truth(log: LogReader, exact: int) -> TruthInfo | None:
         len(truth.poses),
         len(truth.trajectory) if truth.trajectory else 0,
         exact,
+        len(truth.waypoints),
     )
 
 

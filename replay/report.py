@@ -50,6 +50,7 @@ def warnings(summary: dict[str, Any]) -> list[str]:
             "the truth says nothing about any frame: are its times those of the log "
             f"({summary['start_ns'] / 1e9:.3f} s to {summary['end_ns'] / 1e9:.3f} s)?"
         )
+    found += summary.get("truth_problems", ())
     timed = summary["errors"].get("exact") or summary["errors"].get("measured") or {}
     fixes = timed.get(FIXES)
     if fixes and fixes["n"]:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.geometry import Pose, unit_quaternion
+from pipeline.geometry import Array, Pose, unit_quaternion, wrap_angle
 from recorder.files.truth_file import Trajectory, Truth
 
 TruthKind = Literal["exact", "measured"]
@@ -40,7 +40,11 @@ class TruthRow:
 
 def exact_row(frame_index: int, timestamp_ns: int, T_map_camera: Pose) -> TruthRow:
     """The row for a pose that the source knew exactly."""
-    return _row(frame_index, timestamp_ns, "exact", T_map_camera, 0.0)
+    x, y, z = T_map_camera.translation.tolist()
+    qx, qy, qz, qw = T_map_camera.quat_xyzw.tolist()
+    return TruthRow(
+        frame_index, timestamp_ns, "exact", (x, y, z), (qx, qy, qz, qw), T_map_camera.yaw_rad, 0.0
+    )
 
 
 class MeasuredTruth:
@@ -77,23 +81,45 @@ class MeasuredTruth:
                     yaw_rad,
                     stood.std_m,
                 )
-        pose = self._on_trajectory(frame_index, timestamp_ns)
-        if pose is not None:
-            yield _row(frame_index, timestamp_ns, "measured", pose, float("nan"))
+        sample = self._on_trajectory(frame_index, timestamp_ns)
+        if sample is not None:
+            x, y, z = sample.translation.tolist()
+            qx, qy, qz, qw = sample.quat_xyzw.tolist()
+            yield TruthRow(
+                frame_index,
+                timestamp_ns,
+                "measured",
+                (x, y, z),
+                (qx, qy, qz, qw),
+                sample.yaw_rad,
+                float("nan"),
+            )
 
-    def _on_trajectory(self, frame_index: int, timestamp_ns: int) -> Pose | None:
+    def _on_trajectory(self, frame_index: int, timestamp_ns: int) -> Sample | None:
         trajectory = self._trajectory
         if trajectory is None:
             return None
         if trajectory.frame_index is not None:
             i = self._position_of.get(frame_index)
-            if i is None:
-                return None
-            return Pose.from_quat(trajectory.positions_m[i], trajectory.quats_xyzw[i])
+            return None if i is None else _sample(trajectory, i)
         return interpolate(trajectory, timestamp_ns)
 
 
-def interpolate(trajectory: Trajectory, timestamp_ns: int) -> Pose | None:
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """A pose of a trajectory; NaN where a value is not known.
+
+    Attributes:
+        translation: (3,).
+        quat_xyzw: (4,).
+    """
+
+    translation: Array
+    quat_xyzw: Array
+    yaw_rad: float
+
+
+def interpolate(trajectory: Trajectory, timestamp_ns: int) -> Sample | None:
     """The pose between the two samples around a time; None outside and in gaps over `MAX_GAP_S`."""
     stamps = trajectory.timestamp_ns
     if stamps is None:
@@ -102,23 +128,30 @@ def interpolate(trajectory: Trajectory, timestamp_ns: int) -> Pose | None:
     if after == len(stamps):
         return None
     if stamps[after] == timestamp_ns:
-        return Pose.from_quat(trajectory.positions_m[after], trajectory.quats_xyzw[after])
+        return _sample(trajectory, after)
     before = after - 1
     if before < 0 or (stamps[after] - stamps[before]) * 1e-9 > MAX_GAP_S:
         return None
     share = float((timestamp_ns - stamps[before]) / (stamps[after] - stamps[before]))
     p, q = trajectory.positions_m, trajectory.quats_xyzw
+    position = (1 - share) * p[before] + share * p[after]
+    if not np.isfinite(q[[before, after]]).all():
+        # The shorter way round.
+        yaw_rad = trajectory.yaw_rad(before)
+        turn_rad = float(wrap_angle(trajectory.yaw_rad(after) - yaw_rad))
+        return Sample(position, np.full(4, np.nan), float(wrap_angle(yaw_rad + share * turn_rad)))
     a, b = unit_quaternion(q[before]), unit_quaternion(q[after])
-    # The shorter way round; samples are close, so normalized interpolation is as good as slerp.
+    # The shorter way too; samples are close, so normalized interpolation is as good as slerp.
     b = -b if a @ b < 0 else b
-    return Pose.from_quat((1 - share) * p[before] + share * p[after], (1 - share) * a + share * b)
+    return _of_pose(Pose.from_quat(position, (1 - share) * a + share * b))
 
 
-def _row(
-    frame_index: int, timestamp_ns: int, kind: TruthKind, pose: Pose, std_m: float
-) -> TruthRow:
-    x, y, z = pose.translation.tolist()
-    qx, qy, qz, qw = pose.quat_xyzw.tolist()
-    return TruthRow(
-        frame_index, timestamp_ns, kind, (x, y, z), (qx, qy, qz, qw), pose.yaw_rad, std_m
-    )
+def _sample(trajectory: Trajectory, i: int) -> Sample:
+    position, quat = trajectory.positions_m[i], trajectory.quats_xyzw[i]
+    if np.isfinite(quat).all():
+        return _of_pose(Pose.from_quat(position, quat))
+    return Sample(position, quat, float(wrap_angle(trajectory.yaw_rad(i))))
+
+
+def _of_pose(pose: Pose) -> Sample:
+    return Sample(pose.translation, pose.quat_xyzw, pose.yaw_rad)

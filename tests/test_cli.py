@@ -17,7 +17,8 @@ from tests import worlds
 
 ROOT = Path(__file__).resolve().parents[1]
 VERBS = ["init", "record", "replay", "compare", "view", "info", "attach", "demo"]
-VERBS += ["analyze", "report", "export"]
+VERBS += ["analyze", "report", "export", "calibrate", "cameras", "map", "markers"]
+VERBS += ["recover", "track", "truth", "verify"]
 
 
 def arucolog(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:

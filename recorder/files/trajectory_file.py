@@ -15,13 +15,14 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.geometry import Array, read_only
+from pipeline.geometry import Array, Pose, read_only, rotation_z
 from recorder.errors import InputError
 
 Stamps = npt.NDArray[np.int64]
 Number = TypeVar("Number", int, float)
 
-_POSE_COLUMNS = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+_XY = ("x_m", "y_m")
+_QUATERNION = ("qx", "qy", "qz", "qw")
 # Rounded quaternions are off by 1e-6 or so; columns in another order by much more.
 _QUATERNION_TOLERANCE = 0.01
 
@@ -33,20 +34,46 @@ class Trajectory:
     Attributes:
         frame_index: (N,) the log's sequence numbers; None where only times are known.
         timestamp_ns: (N,) capture times; None where only frame numbers are known.
-        positions_m: (N, 3).
-        quats_xyzw: (N, 4), of length 1.
+        positions_m: (N, 3); z is NaN where it is not known.
+        quats_xyzw: (N, 4), of length 1, or NaN where they are not known.
+        known_yaw_rad: (N,) headings, for poses without a quaternion; None where there are none.
+        unsorted_at: where the file's first pose that is earlier than the one before it stands;
+            None for a file in order.
     """
 
     frame_index: Stamps | None
     timestamp_ns: Stamps | None
     positions_m: Array
     quats_xyzw: Array
+    known_yaw_rad: Array | None = None
+    unsorted_at: str | None = None
 
     def __len__(self) -> int:
         return len(self.positions_m)
 
+    def yaw_rad(self, i: int) -> float:
+        """Heading of pose i; NaN where it is not known."""
+        quat = self.quats_xyzw[i]
+        if np.isfinite(quat).all():
+            return Pose.from_quat(self.positions_m[i], quat).yaw_rad
+        return float("nan") if self.known_yaw_rad is None else float(self.known_yaw_rad[i])
+
+    def pose_to_draw(self, i: int) -> Pose:
+        """Pose i for viewers: level, at height 0 and with heading 0 where that is not known."""
+        position = np.nan_to_num(self.positions_m[i])
+        quat = self.quats_xyzw[i]
+        if np.isfinite(quat).all():
+            return Pose.from_quat(position, quat)
+        return Pose(rotation_z(float(np.nan_to_num(self.yaw_rad(i)))), position)
+
 
 def parse_csv(text: str, path: Path) -> Trajectory:
+    """Columns `frame_index` or `timestamp_ns`, x_m, y_m, and as far as they are known z_m and
+    qx, qy, qz, qw or yaw_deg or yaw_rad; there may be others.
+
+    Raises:
+        InputError: a column is missing or twice, or a line is not as it should be.
+    """
     reader = csv.reader(io.StringIO(text))
     header: list[str] = []
     rows: list[list[str]] = []
@@ -70,25 +97,38 @@ def parse_csv(text: str, path: Path) -> Trajectory:
         raise InputError(
             path, f"expected CSV, found: {error}", f"line {reader.line_num}"
         ) from error
-    missing = [name for name in _POSE_COLUMNS if name not in header]
     keys = [name for name in ("frame_index", "timestamp_ns") if name in header]
-    if missing or not keys or len(set(header)) != len(header):
+    turned = [name for name in _QUATERNION if name in header]
+    if (
+        not set(_XY) <= set(header)
+        or not keys
+        or len(set(header)) != len(header)
+        or len(turned) not in (0, 4)
+    ):
         raise InputError(
             path,
-            f"expected frame_index or timestamp_ns, and {', '.join(_POSE_COLUMNS)}, each once, "
-            f"found {', '.join(header) or 'nothing'}",
+            "expected frame_index or timestamp_ns, x_m, y_m, perhaps z_m, perhaps qx, qy, qz, qw "
+            f"or yaw_deg, each once, found {', '.join(header) or 'nothing'}",
             "header",
         )
-    stamps = {
-        key: _column((row[header.index(key)] for row in rows), key, lines, path, _int64)
-        for key in keys
-    }
-    columns = [header.index(name) for name in _POSE_COLUMNS]
-    numbers = [
-        _column((row[column] for row in rows), name, lines, path, _finite)
-        for name, column in zip(_POSE_COLUMNS, columns, strict=True)
-    ]
-    return _trajectory(stamps.get("frame_index"), stamps.get("timestamp_ns"), numbers, lines, path)
+
+    def column(name: str, convert: Callable[[str], Number]) -> list[Number]:
+        position = header.index(name)
+        return _column((row[position] for row in rows), name, lines, path, convert)
+
+    stamps = {key: column(key, _int64) for key in keys}
+    unknown = [math.nan] * len(rows)
+    numbers = [column(name, _finite) for name in _XY]
+    numbers.append(column("z_m", _finite_or_unknown) if "z_m" in header else unknown)
+    numbers += [column(name, _finite) if turned else unknown for name in _QUATERNION]
+    yaw_rad = None
+    if not turned and "yaw_deg" in header:
+        yaw_rad = np.radians(column("yaw_deg", _finite_or_unknown))
+    elif not turned and "yaw_rad" in header:
+        yaw_rad = np.array(column("yaw_rad", _finite_or_unknown))
+    return _trajectory(
+        stamps.get("frame_index"), stamps.get("timestamp_ns"), numbers, lines, path, yaw_rad
+    )
 
 
 def parse_tum(text: str, path: Path) -> Trajectory:
@@ -118,6 +158,7 @@ def _trajectory(
     numbers: list[list[float]],
     lines: list[int],
     path: Path,
+    yaw_rad: Array | None = None,
 ) -> Trajectory:
     """Sorted, with quaternions of length 1; a time or frame number twice is an error."""
     if not lines:
@@ -133,6 +174,7 @@ def _trajectory(
         )
     key = frame_index if frame_index is not None else timestamp_ns or []
     order = np.array(sorted(range(len(key)), key=lambda i: key[i]), dtype=np.int64)
+    back = next((i for i in range(1, len(key)) if key[i] < key[i - 1]), None)
     for stamps in (frame_index, timestamp_ns):
         if stamps is None:
             continue
@@ -149,6 +191,8 @@ def _trajectory(
         None if timestamp_ns is None else _int64_array(timestamp_ns, order),
         read_only(poses[order, :3]),
         read_only(poses[order, 3:] / lengths[order, None]),
+        None if yaw_rad is None else read_only(yaw_rad[order]),
+        None if back is None else f"line {lines[back]}",
     )
 
 
@@ -181,6 +225,11 @@ def _finite(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(text)
     return value
+
+
+def _finite_or_unknown(text: str) -> float:
+    """An empty cell says nothing."""
+    return _finite(text) if text.strip() else math.nan
 
 
 def _int64(text: str) -> int:

@@ -6,15 +6,15 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal, Self
-
-from pydantic import Field, model_validator
+from typing import Literal
 
 from pipeline.geometry import Array, read_only
 from pipeline.markers import MarkerMap
+from recorder.bench.floor import Floor
 from recorder.errors import InputError
 from recorder.files.trajectory_file import Trajectory, parse_csv, parse_tum
-from recorder.files.yaml_file import FileModel, parse_yaml, validate
+from recorder.files.truth_entries import PoseEntry, TruthFile, WaypointEntry
+from recorder.files.yaml_file import parse_yaml, problems, validate
 
 TruthKind = Literal["yaml", "csv", "tum"]
 
@@ -24,9 +24,11 @@ __all__ = [
     "Truth",
     "TruthKind",
     "TruthPath",
+    "Waypoint",
     "check_frame",
     "parse_truth",
     "truth_kind",
+    "truth_problems",
 ]
 
 
@@ -47,10 +49,27 @@ class TruthPath:
 
 @dataclass(frozen=True)
 class StoodPose:
-    """A measured pose the camera stood at, from `from_s` to `to_s` of the log."""
+    """A measured pose the camera stood at, from `from_s` to `to_s` of the log.
+
+    Attributes:
+        name: of the waypoint, where it is one.
+    """
 
     from_s: float
     to_s: float
+    x_m: float
+    y_m: float
+    z_m: float | None
+    yaw_rad: float | None
+    std_m: float
+    name: str | None = None
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A measured pose without a time; the marks in a log say when the camera was there."""
+
+    name: str
     x_m: float
     y_m: float
     z_m: float | None
@@ -65,6 +84,7 @@ class Truth:
     Attributes:
         frame: the map frame it is given in; None where the file does not say (TUM, CSV).
         method: how it was measured, in words.
+        poses: in the order of their times.
     """
 
     frame: str | None
@@ -72,37 +92,12 @@ class Truth:
     path: TruthPath | None = None
     poses: tuple[StoodPose, ...] = ()
     trajectory: Trajectory | None = None
+    waypoints: tuple[Waypoint, ...] = ()
 
-
-class _PathEntry(FileModel):
-    points_m: Annotated[
-        list[Annotated[list[float], Field(min_length=2, max_length=2)]], Field(min_length=2)
-    ]
-    closed: bool = False
-    std_m: Annotated[float, Field(gt=0)]
-
-
-class _PoseEntry(FileModel):
-    from_s: float
-    to_s: float
-    x_m: float
-    y_m: float
-    z_m: float | None = None
-    yaw_deg: float | None = None
-    std_m: Annotated[float, Field(gt=0)]
-
-    @model_validator(mode="after")
-    def _span(self) -> Self:
-        if self.to_s <= self.from_s:
-            raise ValueError(f"expected to_s after from_s ({self.from_s}), found {self.to_s}")
-        return self
-
-
-class _TruthFile(FileModel):
-    frame: Annotated[str, Field(min_length=1)] = "map"
-    method: str = ""
-    path: _PathEntry | None = None
-    poses: list[_PoseEntry] = Field(default=[])
+    @property
+    def places(self) -> tuple[StoodPose | Waypoint, ...]:
+        """Where the camera stood or is to come by."""
+        return (*self.poses, *self.waypoints)
 
 
 def parse_truth(data: bytes, path: Path) -> Truth:
@@ -157,31 +152,97 @@ def check_frame(truth: Truth, marker_map: MarkerMap, path: Path) -> None:
         )
 
 
+def truth_problems(data: bytes, path: Path) -> list[InputError]:
+    """Everything that keeps a truth.yaml from being read, of another file the first mistake.
+
+    Raises:
+        InputError: it is not YAML.
+    """
+    if truth_kind(data, path) == "yaml":
+        content = parse_yaml(data, path)
+        shape = problems(TruthFile, content, path)
+        return shape or _contradictions(TruthFile.model_validate(content), path)
+    try:
+        parse_truth(data, path)
+    except InputError as error:
+        return [error]
+    return []
+
+
 def _parse_truth_yaml(data: bytes, path: Path) -> Truth:
-    file = validate(_TruthFile, parse_yaml(data, path), path)
-    if file.path is None and not file.poses:
-        raise InputError(path, "expected a path, poses or both, found neither")
-    order = sorted(range(len(file.poses)), key=lambda i: file.poses[i].from_s)
-    for earlier, later in pairwise(order):
-        if file.poses[later].from_s < file.poses[earlier].to_s:
-            raise InputError(
-                path,
-                f"expected spans that do not overlap, found {file.poses[later].from_s} s inside "
-                f"poses[{earlier}]",
-                f"poses[{later}].from_s",
-            )
+    file = validate(TruthFile, parse_yaml(data, path), path)
+    for problem in _contradictions(file, path):
+        raise problem
     truth_path = None
     if file.path is not None:
         points_m = read_only(file.path.points_m, (-1, 2))
         truth_path = TruthPath(points_m, file.path.closed, file.path.std_m)
-    return Truth(file.frame, file.method, truth_path, tuple(map(_stood, file.poses)))
-
-
-def _stood(entry: _PoseEntry) -> StoodPose:
-    yaw_rad = None if entry.yaw_deg is None else math.radians(entry.yaw_deg)
-    return StoodPose(
-        entry.from_s, entry.to_s, entry.x_m, entry.y_m, entry.z_m, yaw_rad, entry.std_m
+    floor = file.floor.floor() if file.floor is not None else None
+    return Truth(
+        file.frame,
+        file.method,
+        truth_path,
+        tuple(sorted(map(_stood, file.poses), key=lambda pose: pose.from_s)),
+        waypoints=tuple(_waypoint(entry, floor) for entry in file.waypoints),
     )
+
+
+def _contradictions(file: TruthFile, path: Path) -> list[InputError]:
+    """What is wrong although every key by itself is right."""
+    if file.path is None and not file.poses and not file.waypoints:
+        return [InputError(path, "expected a path, poses or both, or waypoints, found none")]
+    found = []
+    order = sorted(range(len(file.poses)), key=lambda i: file.poses[i].from_s)
+    for earlier, later in pairwise(order):
+        if file.poses[later].from_s < file.poses[earlier].to_s:
+            problem = (
+                f"expected spans that do not overlap, found {file.poses[later].from_s} s inside "
+                f"poses[{earlier}]"
+            )
+            found.append(InputError(path, problem, f"poses[{later}].from_s"))
+    first_at: dict[str, int] = {}
+    for i, entry in enumerate(file.waypoints):
+        name = entry.name.casefold()
+        if name in first_at:
+            problem = (
+                f"expected each name once, found {entry.name} again (first in "
+                f"waypoints[{first_at[name]}])"
+            )
+            found.append(InputError(path, problem, f"waypoints[{i}].name"))
+        first_at.setdefault(name, i)
+        if entry.on_floor and file.floor is None:
+            problem = "expected floor: {square_m: ...} for rows and columns, found none"
+            found.append(InputError(path, problem, f"waypoints[{i}]"))
+    return found
+
+
+def _stood(entry: PoseEntry) -> StoodPose:
+    return StoodPose(
+        entry.from_s,
+        entry.to_s,
+        entry.x_m,
+        entry.y_m,
+        entry.z_m,
+        _radians(entry.yaw_deg),
+        entry.std_m,
+        entry.name,
+    )
+
+
+def _waypoint(entry: WaypointEntry, floor: Floor | None) -> Waypoint:
+    """`floor`: is there for one that is given by row and column."""
+    name, z_m = entry.name, entry.z_m
+    if floor is None or entry.row is None or entry.col is None:
+        x_m, y_m = entry.x_m or 0.0, entry.y_m or 0.0
+        return Waypoint(name, x_m, y_m, z_m, _radians(entry.yaw_deg), entry.std_m)
+    x_m, y_m = floor.place(entry.row, entry.col)
+    heading_rad = _radians(entry.heading_deg)
+    yaw_rad = None if heading_rad is None else floor.yaw_of(heading_rad)
+    return Waypoint(name, x_m, y_m, floor.z_m if z_m is None else z_m, yaw_rad, entry.std_m)
+
+
+def _radians(angle_deg: float | None) -> float | None:
+    return None if angle_deg is None else math.radians(angle_deg)
 
 
 def _is_number(text: str) -> bool:

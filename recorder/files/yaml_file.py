@@ -58,10 +58,11 @@ for _side in (_Loader, _Dumper):
 
 def inline_yaml(value: Any) -> str:
     """A value in one line, as `parse_yaml` reads it back."""
-    text: str = yaml.dump(
-        value, Dumper=_Dumper, default_flow_style=True, width=10**6, sort_keys=False,
-        allow_unicode=True,
-    )  # fmt: skip
+    options: dict[str, Any] = {"default_flow_style": True, "width": 10**6, "sort_keys": False}
+    text: str = yaml.dump(value, Dumper=_Dumper, allow_unicode=True, **options)
+    # PyYAML leaves line breaks as they are that are none in ASCII.
+    if yaml.load(text, _Loader) != value:
+        text = yaml.dump(value, Dumper=_Dumper, **options)
     return text.removesuffix("\n").removesuffix("\n...")
 
 

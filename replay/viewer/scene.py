@@ -126,9 +126,9 @@ def log_truth(stream: rr.RecordingStream, truth: Truth, height_m: float) -> None
             static=True,
         )
     if truth.trajectory is not None:
-        log_line(
-            stream, f"{style.TRUTH}/trajectory", truth.trajectory.positions_m, style.TRUTH_COLOUR
-        )
+        points_m = truth.trajectory.positions_m.copy()
+        points_m[:, 2] = np.where(np.isnan(points_m[:, 2]), height_m, points_m[:, 2])
+        log_line(stream, f"{style.TRUTH}/trajectory", points_m, style.TRUTH_COLOUR)
 
 
 def log_line(

@@ -1,0 +1,1 @@
+"""Ground truth at the bench: floor coordinates, waypoints, and the keys that mark them."""
