@@ -10,6 +10,7 @@ import analysis.cli
 import recorder.cli
 import replay.cli
 from recorder.errors import InputError
+from replay.track_cli import open_view
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -18,9 +19,10 @@ def cli() -> None:
     """Localize a mobile robot with one camera and ArUco markers: record, replay, compare, look."""
 
 
-for package in (recorder.cli, replay.cli, analysis.cli):
-    for command in package.commands():
-        cli.add_command(command)
+for command in (*recorder.cli.commands(live=open_view), *replay.cli.commands()):
+    cli.add_command(command)
+for command in analysis.cli.commands():
+    cli.add_command(command)
 
 
 def main() -> None:

@@ -9,18 +9,31 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
+from recorder.cameras_cli import camera_options, cameras
 from recorder.click_types import FiniteFloat
+from recorder.live_option import OpenView, View, with_live
+from recorder.map_cli import map_group
+from recorder.prints_cli import markers
+from recorder.quantities import Duration, Size
+from recorder.recover_cli import recover
+from recorder.truth_cli import truth_group
+from recorder.verify_cli import verify
 
 if TYPE_CHECKING:
-    from recorder.sources.base import CapturedFrame
+    from recorder.capture.parts import SplitLimit
+    from recorder.record import Status
+    from recorder.sources.live.settings import CameraSettings
     from recorder.sources.opening import SourceOptions
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 _LENGTH = FiniteFloat(above=0.0)
+_NO_VIEW = View()
 
 
-def commands() -> list[click.Command]:
-    return [init, record, info, attach]
+def commands(live: OpenView | None = None) -> list[click.Command]:
+    """The verbs; `live`: who shows frames while they are recorded."""
+    verb = record if live is None else with_live(record, live)
+    return [init, verb, cameras, info, attach, verify, recover, map_group, markers, truth_group]
 
 
 @click.command(
@@ -90,9 +103,27 @@ Example:
 @click.option(
     "--encoding",
     type=click.Choice(["jpeg", "png"]),
-    help="Of video that is not MJPEG, which stays as it is [jpeg, quality 95].",
+    help="Of video that is not MJPEG [jpeg, quality 95], of uncompressed images in a bag [png].",
+)
+@click.option("--topic", metavar="NAME", help="Of the images, in a ROS bag that has several.")
+@click.option(
+    "--duration", type=Duration(), metavar="TIME", help="Stop so long after the first frame: 10min."
+)
+@click.option(
+    "--split",
+    metavar="SIZE|TIME",
+    help="Parts LOG-001, LOG-002, ... of 1GB or 10min; replay takes them as one log.",
+)
+@click.option(
+    "--min-free",
+    type=Size(),
+    default="200MB",
+    show_default=True,
+    help="Stop before less of the disk is free.",
 )
 @click.option("--force", is_flag=True, help="Replace a log that exists.")
+@click.option("--no-keys", is_flag=True, help="Read no keys that mark waypoints.")
+@camera_options
 def record(
     source: str,
     output: Path | None,
@@ -102,35 +133,68 @@ def record(
     start: str | None,
     fps: str | None,
     encoding: Literal["jpeg", "png"] | None,
+    topic: str | None,
+    duration: float | None,
+    split: str | None,
+    min_free: int,
     force: bool,
+    no_keys: bool,
+    camera_settings: CameraSettings,
+    live: View = _NO_VIEW,
 ) -> None:
-    """Record SOURCE into a log: a video, a folder of images, a scene.yaml or a shipped scene.
+    """Record SOURCE into a log.
+
+    SOURCE is a camera (/dev/video0, an RTSP or HTTP MJPEG URL), a video, a folder of images, a ROS
+    bag, a scene.yaml or a shipped scene.
 
     Calibration, map and truth go into the log as they are. Ctrl-C ends a recording early; what is
-    recorded stays.
+    recorded stays. Frames that were dropped, late or corrupt are counted, on screen and in the log.
+
+    While a live camera records in a terminal, keys mark waypoints: `3 Enter` arrived at 3, n the
+    next, s stands still there until s is pressed again, u undoes, t takes a note, ? helps. With
+    the waypoints' places in truth.yaml the marks are timed poses.
     """
     from tqdm import tqdm
 
     from recorder.attachments import named_as_given, read_attachments
+    from recorder.bench.session import keys_remark, waypoint_keys
     from recorder.record import record as record_log
-    from recorder.record_text import ending_text, summary_text
+    from recorder.record_text import ending_text, status_text, summary_text
     from recorder.sources.opening import open_source
 
-    options = _source_options(start, fps, encoding)
+    options = source_options(start, fps, encoding, topic, camera_settings)
     attachments = read_attachments(camera, map_path, truth)
     opened = open_source(source, options)
     if preparation := opened.preparation():
         click.echo(preparation, err=True)
+    if not no_keys and (remark := keys_remark(opened, attachments)):
+        click.echo(remark, err=True)
     with (
         named_as_given(camera, map_path, truth),
-        _log_path(output, opened.name) as path,
+        log_path(output, opened.name) as path,
+        live.sinks(opened, attachments) as sinks,
         tqdm(total=opened.frame_count(), unit="frame", desc="record", disable=None) as bar,
+        waypoint_keys(opened, attachments, wanted=not no_keys) as bench,
     ):
 
-        def count(_: CapturedFrame) -> None:
-            bar.update()
+        def show(status: Status) -> None:
+            bar.set_postfix_str(status_text(status), refresh=False)
+            bar.update(status.counts.written - bar.n)
+            bar.refresh()
+            bench.refresh()
 
-        summary = record_log(opened, path, attachments=attachments, force=force, sinks=[count])
+        summary = record_log(
+            bench.source,
+            path,
+            attachments=attachments,
+            force=force,
+            duration_s=duration,
+            split=_split_limit(split),
+            min_free_bytes=min_free,
+            notes=bench.notes,
+            sinks=sinks,
+            on_status=show,
+        )
     click.echo(summary_text(summary))
     if ending := ending_text(summary):
         click.echo(ending, err=True)
@@ -189,30 +253,38 @@ def attach(
     click.echo(f"{output}: {', '.join(attachments)} attached")
 
 
-def _source_options(
-    start: str | None, fps: str | None, encoding: Literal["jpeg", "png"] | None
+def source_options(
+    start: str | None,
+    fps: str | None,
+    encoding: Literal["jpeg", "png"] | None,
+    topic: str | None,
+    camera: CameraSettings,
 ) -> SourceOptions:
-    from fractions import Fraction
-
+    from recorder.sources.live.settings import parse_rate
     from recorder.sources.opening import SourceOptions, parse_start
 
-    rate = None
-    if fps is not None:
-        try:
-            rate = Fraction(fps)
-        except (ValueError, ZeroDivisionError):
-            rate = Fraction(0)
-        if rate <= 0:
-            raise click.BadParameter(f"expected a rate above 0, found {fps!r}", param_hint="--fps")
+    try:
+        rate = None if fps is None else parse_rate(fps)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--fps") from error
     try:
         start_ns = None if start is None else parse_start(start)
     except ValueError as error:
         raise click.BadParameter(str(error), param_hint="--start") from error
-    return SourceOptions(start_ns, rate, encoding)
+    return SourceOptions(start_ns, rate, encoding, topic, camera)
+
+
+def _split_limit(text: str | None) -> SplitLimit | None:
+    from recorder.capture.parts import SplitLimit
+
+    try:
+        return None if text is None else SplitLimit.parse(text)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--split") from error
 
 
 @contextmanager
-def _log_path(output: Path | None, stem: str) -> Iterator[Path]:
+def log_path(output: Path | None, stem: str) -> Iterator[Path]:
     """The log to write; a folder `logs` that was made for it goes again if nothing came of it."""
     if output is not None:
         yield output

@@ -1,4 +1,4 @@
-"""The verbs `replay`, `view` and `export`."""
+"""The verbs `replay` and `view`, and those of other modules."""
 
 from __future__ import annotations
 
@@ -7,14 +7,19 @@ from pathlib import Path
 import click
 
 from recorder.click_types import FiniteFloat
+from recorder.map_cli import map_group
+from replay.calibrate_cli import calibrate
 from replay.export_cli import export
+from replay.survey_cli import survey
+from replay.track_cli import track
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 _SECONDS = FiniteFloat()
 
 
 def commands() -> list[click.Command]:
-    return [replay, view, export()]
+    map_group.add_command(survey)
+    return [replay, track(), view, export(), calibrate()]
 
 
 @click.command(
@@ -67,11 +72,12 @@ def replay(
     """Run recorded logs through detection, pose and tracking.
 
     Leaves a folder for each log: tables (parquet), summary.json, the settings as they were
-    resolved, and replay.rrd for the viewer. The same log and settings give the same tables.
+    resolved, and replay.rrd for the viewer. The same log and settings give the same tables. Parts
+    of one recording, given together in any order, are one log.
     """
     import json
 
-    from recorder.errors import InputError
+    from recorder.log.parts import group_parts, whole_path
     from replay.inputs import Overrides
     from replay.naming import result_folders, result_name
     from replay.report import summary_text, warnings
@@ -91,17 +97,17 @@ def replay(
         force=force,
         jobs=jobs,
     )
+    groups = group_parts(logs)
     if name is None:
-        only = output if output is not None and len(logs) == 1 else None
+        only = output if output is not None and len(groups) == 1 else None
         name = only.resolve().name if only else result_name(settings_path, options)
     summaries = []
-    pairs = result_folders(logs, output, name)
-    for log, folder in pairs:
-        if not log.exists():
-            raise InputError(log, "expected an MCAP log, found no file")
+    called = [whole_path(group[0]) if len(group) > 1 else group[0] for group in groups]
+    pairs = result_folders(called, output, name)
+    for _, folder in pairs:
         check_free(folder, force=force)
-    for log, folder in pairs:
-        summary = replay_log(log, folder, name, options)
+    for group, (log, folder) in zip(groups, pairs, strict=True):
+        summary = replay_log(group, folder, name, options)
         summaries.append({"folder": str(folder), **summary})
         if not as_json:
             click.echo(summary_text(folder, summary))

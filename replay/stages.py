@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import queue
+import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
 
 import cv2
 import numpy as np
@@ -71,6 +76,42 @@ def decode(data: bytes) -> GrayImage | None:
     return None if image is None else np.asarray(image, dtype=np.uint8)
 
 
+class DetectorPool:
+    """Threads that decode and detect, each with a detector of its own; use it in a `with` block."""
+
+    def __init__(self, camera: Camera, build_detector: Callable[[], Detect], jobs: int) -> None:
+        self._camera = camera
+        self._detectors: queue.SimpleQueue[Detect] = queue.SimpleQueue()
+        for _ in range(jobs):
+            self._detectors.put(build_detector())
+        self._pool = ThreadPoolExecutor(jobs, thread_name_prefix="detect")
+
+    def submit(self, data: bytes) -> Future[Detections | None]:
+        """The detections in a compressed image; None where it is none of the camera's size."""
+        return self._pool.submit(self._detect, data)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._pool.shutdown(cancel_futures=True)
+
+    def _detect(self, data: bytes) -> Detections | None:
+        image = decode(data)
+        if image is None or image.shape[::-1] != self._camera.image_size:
+            return None
+        detector = self._detectors.get()
+        try:
+            return detector(image)
+        finally:
+            self._detectors.put(detector)
+
+
 def detect_ahead(
     stream: Iterable[PairedImage | LogEvent],
     camera: Camera,
@@ -78,21 +119,6 @@ def detect_ahead(
     jobs: int,
 ) -> Iterator[DetectedImage | LogEvent]:
     """Decodes and detects in `jobs` threads, a few frames ahead; the order stays the log's."""
-    # Each thread at work has a detector of its own.
-    detectors: queue.SimpleQueue[Detect] = queue.SimpleQueue()
-    for _ in range(jobs):
-        detectors.put(build_detector())
-
-    def detect(data: bytes) -> Detections | None:
-        image = decode(data)
-        if image is None or image.shape[::-1] != camera.image_size:
-            return None
-        detector = detectors.get()
-        try:
-            return detector(image)
-        finally:
-            detectors.put(detector)
-
     waiting: deque[tuple[PairedImage, Future[Detections | None]] | LogEvent] = deque()
 
     def next_finished() -> DetectedImage | LogEvent:
@@ -102,16 +128,32 @@ def detect_ahead(
         paired, detections = first
         return DetectedImage(paired.image, paired.exact, detections.result())
 
-    with ThreadPoolExecutor(jobs, thread_name_prefix="detect") as pool:
-        try:
-            for record in stream:
-                if isinstance(record, LogEvent):
-                    waiting.append(record)
-                else:
-                    waiting.append((record, pool.submit(detect, record.image.data)))
-                while len(waiting) > 2 * jobs:
-                    yield next_finished()
-            while waiting:
+    with DetectorPool(camera, build_detector, jobs) as pool:
+        for record in stream:
+            if isinstance(record, LogEvent):
+                waiting.append(record)
+            else:
+                waiting.append((record, pool.submit(record.image.data)))
+            while len(waiting) > 2 * jobs:
                 yield next_finished()
-        finally:
-            pool.shutdown(cancel_futures=True)
+        while waiting:
+            yield next_finished()
+
+
+def cores() -> int:
+    """Those that this process may use, where the system tells."""
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextmanager
+def opencv_threads(count: int | None) -> Iterator[None]:
+    """OpenCV with `count` threads of its own; beside ours, more get in the way."""
+    before = cv2.getNumThreads()
+    if count is not None:
+        cv2.setNumThreads(count)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)

@@ -36,5 +36,5 @@ def static(path: Path, entity: str, component: str) -> Any:
     for chunk in chunks(path, entity):
         batch = chunk.to_record_batch()
         if chunk.is_static and component in batch.schema.names:
-            found = batch.column(component).to_pylist()[0]
+            found = batch.column(component).to_pylist()[-1]
     return found

@@ -15,9 +15,10 @@ from recorder.errors import InputError
 from recorder.sources.base import CapturedFrame, SourceEvent
 
 # A kill costs what is in the open chunk, a power loss what is not synced. Both are asked for by the
-# clock, also while nothing arrives; together they stay below a second.
+# clock, also while nothing arrives. A slow disk takes a few tenths to sync: with them, and with the
+# look around, a loss stays below a second.
 _FLUSH_S = 0.4
-_SYNC_S = 0.8
+_SYNC_S = 0.5
 _LOOK_S = 0.1
 
 
@@ -50,6 +51,7 @@ class LogThread(threading.Thread):
         self._notes = notes
         self._on_written = on_written
         self._told: set[SinkThread] = set()
+        self._taken = 0
         self._flushed_at = self._synced_at = self._looked_at = time.monotonic()
         self.error: BaseException | None = None
         self.disk_is_low = False
@@ -62,8 +64,8 @@ class LogThread(threading.Thread):
             self._write_notes()
         except BaseException as error:
             self.error = error
-            self._writer.log.announce_dropped(self._queue.give_up() if self._sync else 0)
-            self._queue.give_up()
+            lost = self._queue.give_up() + self._taken - self._writer.counts.written
+            self._writer.log.announce_dropped(lost if self._sync else 0)
 
     def _write_next(self) -> None:
         item = self._queue.get(_LOOK_S)
@@ -74,6 +76,7 @@ class LogThread(threading.Thread):
                 item.timestamp_ns, item.level, item.message, dropped=item.dropped
             )
             return
+        self._taken += 1
         if self._sync is not None and not self._writer.log.has_open_chunk:
             self._flushed_at = time.monotonic()
         self._writer.write_frame(item)

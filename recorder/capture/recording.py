@@ -104,11 +104,20 @@ class Recording:
             for thread in (sync, *self._sinks, log, source):
                 if thread is not None:
                     thread.start()
-            stop = self._watch(request, source, log, lambda: self._tell(writer, guard, on_status))
-            for sink in self._sinks:
-                sink.close(_STOP_S)
-            if sync is not None:
-                sync.close()
+            try:
+                stop = self._watch(
+                    request, source, log, lambda: self._tell(writer, guard, on_status)
+                )
+            finally:
+                # Also when the status cannot be shown: whoever closes the log is alone with it.
+                self._stopping = True
+                source.stop()
+                self._queue.close()
+                for sink in self._sinks:
+                    sink.close(_STOP_S)
+                log.join()
+                if sync is not None:
+                    sync.close()
             self._tell(writer, guard, on_status)
         if log.error is not None:
             return ("disk_full", None) if _is_full(log.error) else ("failed", log.error)
@@ -137,8 +146,11 @@ class Recording:
                 source.join(max(stopped_at + _STOP_S - time.monotonic(), 0))
                 return stop or "complete"
             if stop is not None and time.monotonic() - stopped_at > _STOP_S:
-                # It does not listen. What it gave is written; what it may give is not waited for.
+                # It does not listen. What it gave is written; what it may give is not waited for,
+                # nor is a viewer.
                 self._queue.close()
+                for sink in self._sinks:
+                    sink.close(0)
             tell()
 
     def _tell(

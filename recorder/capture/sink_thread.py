@@ -40,12 +40,17 @@ class SinkThread(threading.Thread):
     def offer(self, frame: CapturedFrame) -> None:
         """The next frame; takes the place of one that was not shown yet."""
         with self._changed:
-            while self._waits and self._frame is not None and self.error is None:
+            while self._waits and self._frame is not None and not self._ended:
                 self._changed.wait()
-            if self._frame is not None or self.error is not None:
+            if self._frame is not None or self._ended:
                 self._dropped += 1
-            self._frame = frame
+            if not self._ended:
+                self._frame = frame
             self._changed.notify_all()
+
+    @property
+    def _ended(self) -> bool:
+        return self._closed or self.error is not None
 
     def close(self, timeout_s: float) -> None:
         """Let it show the last frame and end; wait so long for that."""

@@ -14,7 +14,7 @@ from recorder.files.truth_file import Truth
 from replay.viewer import scene, style
 from replay.viewer.extent import markers_in_view, without_outliers
 from replay.viewer.layout import RESULT_ASPECT, Eye, Point, eye_on
-from replay.viewer.thinning import Thinned
+from replay.viewer.thinning import MOST_ROWS, Thinned
 
 # So many fixes tell the height: it follows a lifted camera, not a single marker's noise.
 _RECENT_FIXES = 15
@@ -25,13 +25,14 @@ _APART_M = 1e-3
 
 
 class WholeDrive:
-    """Collects positions frame by frame, in bounded memory, and logs them at the end."""
+    """Collects positions frame by frame, in bounded memory, and logs them when asked."""
 
-    def __init__(self, tracker_names: Iterable[str]) -> None:
-        self._tracks = {name: Thinned(3) for name in tracker_names}
-        self._fixes = Thinned(3)
-        self._rejected = Thinned(3)
-        self._exact = Thinned(3)
+    def __init__(self, tracker_names: Iterable[str], most: int = MOST_ROWS) -> None:
+        """`most`: so many positions of each kind are kept; even."""
+        self._tracks = {name: Thinned(3, most) for name in tracker_names}
+        self._fixes = Thinned(3, most)
+        self._rejected = Thinned(3, most)
+        self._exact = Thinned(3, most)
         self._heights: deque[float] = deque(maxlen=_RECENT_FIXES)
 
     def add_fix(self, position_m: Array) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TypedDict
+from typing import Literal, TypedDict
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 
 from pipeline.geometry import Array
@@ -24,6 +25,8 @@ LOG_ASPECT = 0.9
 _MARGIN = 1.1
 # An overconfident filter's NIS goes far beyond, and would flatten everything else.
 _NIS_RANGE = (0.0, 30.0)
+# What plots show of a drive that goes on.
+_RECENT_S = 30.0
 
 _PLOT_NAMES = {
     "error": "Position error [m]",
@@ -104,8 +107,11 @@ def _point(xyz: Array) -> Point:
     return x, y, z
 
 
-def results_layout(results: Sequence[ResultLayout]) -> rrb.Blueprint:
-    """The layout for one result or several of the same log, the first of them leading."""
+def results_layout(results: Sequence[ResultLayout], *, live: bool = False) -> rrb.Blueprint:
+    """The layout for one result or several of the same log, the first of them leading.
+
+    `live`: it follows what comes in, and plots show the last of it.
+    """
     paths = [style.ResultPaths(result.name) for result in results]
     scene = ["+ /map/**", "+ /truth/**", "+ /camera/**", f"- {style.CAMERA}/results/**"]
     for p in paths:
@@ -121,27 +127,29 @@ def results_layout(results: Sequence[ResultLayout]) -> rrb.Blueprint:
         rrb.Vertical(_image_view(image, image_name), _events_view(events), row_shares=[7, 3]),
         column_shares=[3, 2],
     )
-    return _blueprint(rrb.Vertical(top, _plots(results, paths), row_shares=[5, 4]))
+    plots = _plots(results, paths, live)
+    return _blueprint(rrb.Vertical(top, plots, row_shares=[5, 4]), live=live)
 
 
-def log_layout(eye: Eye, *, has_pose: bool, has_scene: bool) -> rrb.Blueprint:
+def log_layout(eye: Eye, *, has_pose: bool, has_scene: bool, live: bool = False) -> rrb.Blueprint:
     """The layout for a log that was not replayed; without a pose its camera has no place."""
     scene = ["+ /map/**", "+ /truth/**"] + (["+ /camera/**"] if has_pose else [])
     image = _image_view(["+ /camera/image/**"])
     events = _events_view(["+ /events/**"])
     if not has_scene:
-        return _blueprint(rrb.Vertical(image, events, row_shares=[4, 1]))
+        return _blueprint(rrb.Vertical(image, events, row_shares=[4, 1]), live=live)
     right = rrb.Vertical(image, events, row_shares=[7, 3])
     left = _scene_view(scene, eye)
-    return _blueprint(rrb.Horizontal(left, right, column_shares=[1, 1]))
+    return _blueprint(rrb.Horizontal(left, right, column_shares=[1, 1]), live=live)
 
 
-def _blueprint(root: rrb.Container) -> rrb.Blueprint:
+def _blueprint(root: rrb.Container, *, live: bool) -> rrb.Blueprint:
+    play_state: Literal["following", "paused"] = "following" if live else "paused"
     return rrb.Blueprint(
         root,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=style.TIME, play_state="paused"),
+        rrb.TimePanel(state="collapsed", timeline=style.TIME, play_state=play_state),
         auto_views=False,
         auto_layout=False,
     )
@@ -180,25 +188,27 @@ def _events_view(contents: list[str]) -> rrb.View:
     return rrb.TextLogView(name="Events", origin="/", contents=contents, columns=columns)
 
 
-def _plots(results: Sequence[ResultLayout], paths: Sequence[style.ResultPaths]) -> rrb.Container:
+def _plots(
+    results: Sequence[ResultLayout], paths: Sequence[style.ResultPaths], live: bool
+) -> rrb.Container:
     have = {kind for result in results for kind in result.plots}
     errors = [kind for kind in ("error", "path_distance") if kind in have]
     columns: list[rrb.View | rrb.Container] = []
     if errors:
         # All plots share the trackers' colours: one legend is enough, and hides less.
-        stack = [_plot(kind, paths, legend=kind == errors[0]) for kind in errors]
+        stack = [_plot(kind, paths, live, legend=kind == errors[0]) for kind in errors]
         columns.append(rrb.Vertical(*stack) if len(stack) > 1 else stack[0])
     if "innovation" in have:
-        columns.append(_innovations(results, paths))
+        columns.append(_innovations(results, paths, live))
     if "nis" in have:
-        columns.append(_plot("nis", paths, legend=not errors, y_range=_NIS_RANGE))
-    columns.append(_markers(results, paths))
+        columns.append(_plot("nis", paths, live, legend=not errors, y_range=_NIS_RANGE))
+    columns.append(_markers(results, paths, live))
     shares = [3, 4, 3, 2] if len(columns) == 4 else None
     return rrb.Horizontal(*columns, column_shares=shares)
 
 
 def _innovations(
-    results: Sequence[ResultLayout], paths: Sequence[style.ResultPaths]
+    results: Sequence[ResultLayout], paths: Sequence[style.ResultPaths], live: bool
 ) -> rrb.Container:
     """A tab for each tracker: several bands over each other show nothing."""
     trackers = dict.fromkeys(t for result in results for t in result.trackers)
@@ -211,13 +221,15 @@ def _innovations(
             origin="/",
             contents=[f"+ {paths[i].innovation(tracker)}/**" for i in have],
             axis_y=rrb.ScalarAxis(range=(-limit, limit)) if limit > 0 else None,
-            **_plot_style(rrb.Corner2D.LeftTop, legend=True),
+            **_plot_style(rrb.Corner2D.LeftTop, live, legend=True),
         )
         tabs.append(view)
     return rrb.Tabs(*tabs, active_tab=0)
 
 
-def _markers(results: Sequence[ResultLayout], paths: Sequence[style.ResultPaths]) -> rrb.View:
+def _markers(
+    results: Sequence[ResultLayout], paths: Sequence[style.ResultPaths], live: bool
+) -> rrb.View:
     contents = [f"+ {p.plot('markers')}/**" for p in paths]
     if len(results) > 1:
         contents += [f"- {p.plot('markers', 'detected')}" for p in paths]
@@ -227,13 +239,14 @@ def _markers(results: Sequence[ResultLayout], paths: Sequence[style.ResultPaths]
         origin="/",
         contents=contents,
         axis_y=rrb.ScalarAxis(range=y_range),
-        **_plot_style(rrb.Corner2D.LeftBottom, legend=True),
+        **_plot_style(rrb.Corner2D.LeftBottom, live, legend=True),
     )
 
 
 def _plot(
     kind: str,
     paths: Sequence[style.ResultPaths],
+    live: bool,
     *,
     legend: bool,
     y_range: tuple[float, float] | None = None,
@@ -243,7 +256,7 @@ def _plot(
         origin="/",
         contents=[f"+ {p.plot(kind)}/**" for p in paths],
         axis_y=None if y_range is None else rrb.ScalarAxis(range=y_range),
-        **_plot_style(rrb.Corner2D.LeftTop, legend=legend),
+        **_plot_style(rrb.Corner2D.LeftTop, live, legend=legend),
     )
 
 
@@ -253,9 +266,17 @@ class _PlotStyle(TypedDict):
     axis_x: rrb.archetypes.TimeAxis
 
 
-def _plot_style(corner: rrb.Corner2D, *, legend: bool) -> _PlotStyle:
+def _plot_style(corner: rrb.Corner2D, live: bool, *, legend: bool) -> _PlotStyle:
+    if live:
+        recent = rr.TimeRange(
+            start=rr.TimeRangeBoundary.cursor_relative(seconds=-_RECENT_S),
+            end=rr.TimeRangeBoundary.cursor_relative(),
+        )
+        axis_x = rrb.archetypes.TimeAxis(view_range=recent)
+    else:
+        axis_x = rrb.archetypes.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
     return {
         "plot_legend": rrb.PlotLegend(corner, visible=legend),
         "background": rrb.archetypes.PlotBackground(color=style.BACKGROUND, show_grid=True),
-        "axis_x": rrb.archetypes.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+        "axis_x": axis_x,
     }

@@ -36,7 +36,7 @@ def overlay(results: Sequence[ResultRecording], rrd: Path, log_id: str, name: st
     Images, markers and truth come from the first; of the others only what is theirs.
     """
     results = distinct_names(results)
-    layouts = [_layout(result) for result in results]
+    layouts = [read_layout(result) for result in results]
     file = RecordingFile(rrd, log_id, name)
     try:
         for k, result in enumerate(results):
@@ -95,7 +95,7 @@ def _restyle(stream: rr.RecordingStream, layouts: Sequence[ResultLayout]) -> Non
         stream.log(paths.plot("markers", "used"), used, static=True)
 
 
-def _layout(result: ResultRecording) -> ResultLayout:
+def read_layout(result: ResultRecording) -> ResultLayout:
     """What the file says about itself.
 
     Raises:

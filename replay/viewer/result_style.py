@@ -6,7 +6,9 @@ from collections.abc import Mapping, Set
 
 import rerun as rr
 
-from replay.viewer import style
+from pipeline.camera import Camera
+from replay.viewer import scene, style
+from replay.viewer.layout import Eye
 
 RAW_FIX = "raw fix"
 
@@ -56,3 +58,19 @@ def log_looks(
         log(f"{entity}/path", look.path(), static=True)
         log(f"{entity}/position", look.point(), static=True)
         log(f"{entity}/ellipse", look.ellipse(), static=True)
+
+
+def log_cameras(
+    stream: rr.RecordingStream,
+    paths: style.ResultPaths,
+    looks: Mapping[str, style.Look],
+    camera: Camera,
+    eye: Eye,
+) -> None:
+    """The camera that carries the image, and the result's own."""
+    # Small enough not to hide the trajectories behind it.
+    distance_m = 0.12 * eye.radius_m
+    pinhole = scene.pinhole(camera, distance_m, style.CAMERA_COLOUR)
+    stream.log(style.CAMERA, pinhole, static=True)
+    own = scene.pinhole(camera, distance_m, next(iter(looks.values())).colour)
+    stream.log(paths.camera, own, static=True)

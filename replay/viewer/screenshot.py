@@ -46,7 +46,7 @@ def screenshot(
             rrd, "no Vulkan driver to draw it; on Debian: apt-get install mesa-vulkan-drivers"
         )
     deadline = time.monotonic() + _TIMEOUT_S
-    with _headless_viewer(size, deadline, rrd) as viewer:
+    with headless_viewer(size, deadline, rrd) as (viewer, _):
         viewer.open(str(rrd.resolve()))
         while viewer.get_state().loading:
             _pause(deadline, rrd)
@@ -73,8 +73,13 @@ def screenshot(
 
 
 @contextmanager
-def _headless_viewer(size: tuple[int, int], deadline: float, rrd: Path) -> Iterator[ViewerClient]:
-    """A viewer without a window on a free local port, that keeps nothing in the user's home."""
+def headless_viewer(
+    size: tuple[int, int], deadline: float, rrd: Path
+) -> Iterator[tuple[ViewerClient, int]]:
+    """A viewer without a window and its free local port; it keeps nothing in the user's home.
+
+    `deadline`: by `time.monotonic`; `rrd`: what errors are about.
+    """
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -93,7 +98,7 @@ def _headless_viewer(size: tuple[int, int], deadline: float, rrd: Path) -> Itera
             start_new_session=True,
         )
         try:
-            yield _connect(port, process, deadline, rrd)
+            yield _connect(port, process, deadline, rrd), port
         finally:
             _stop(process)
 

@@ -9,13 +9,13 @@ import numpy as np
 from pipeline.geometry import Array
 
 # More points of a line than a screen can show.
-_MOST_ROWS = 20_000
+MOST_ROWS = 20_000
 
 
 class Thinned:
     """Evenly spaced rows of numbers: all of them up to `most`, then every second, fourth, …"""
 
-    def __init__(self, width: int, most: int = _MOST_ROWS) -> None:
+    def __init__(self, width: int, most: int = MOST_ROWS) -> None:
         """`most`: even."""
         self._width, self._most = width, most
         self._flat = array("d")

@@ -1,0 +1,1 @@
+"""What is recorded, seen and tracked while it comes in."""

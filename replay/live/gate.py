@@ -1,0 +1,126 @@
+"""Lets as many frames in as can be tracked; what is recorded is what is tracked."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping
+
+from recorder.capture.source_thread import is_live
+from recorder.sources.base import CapturedFrame, LiveSource, Source, SourceEvent
+
+# As much as may wait, in memory; far below what the recorder's own queue takes.
+_MAX_BYTES = 32 << 20
+
+
+class Admission:
+    """Counts the frames on their way through the pipeline, and their bytes."""
+
+    def __init__(self, max_frames: int, max_bytes: int = _MAX_BYTES) -> None:
+        self._max_frames, self._max_bytes = max_frames, max_bytes
+        self._frames = self._bytes = 0
+        self._changed = threading.Condition()
+        self.closed = False
+
+    def try_enter(self, size: int) -> bool:
+        """Whether there is space for a frame; one always fits."""
+        with self._changed:
+            if not self._fits(size):
+                return False
+            self._frames += 1
+            self._bytes += size
+            return True
+
+    def enter(self, size: int) -> bool:
+        """Waits until there is; False when nothing is let in any more."""
+        with self._changed:
+            while not self.closed and not self._fits(size):
+                self._changed.wait()
+        return not self.closed and self.try_enter(size)
+
+    def leave(self, size: int) -> None:
+        """A frame is through."""
+        with self._changed:
+            self._frames -= 1
+            self._bytes -= size
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Nothing is let in any more."""
+        with self._changed:
+            self.closed = True
+            self._changed.notify_all()
+
+    def _fits(self, size: int) -> bool:
+        fits = self._frames < self._max_frames and self._bytes + size <= self._max_bytes
+        return fits or not self._frames
+
+
+class GatedSource:
+    """A source whose frames wait until they can be tracked.
+
+    Attributes:
+        dropped: frames that could not wait.
+    """
+
+    def __init__(self, source: Source, admission: Admission) -> None:
+        self._source, self._admission = source, admission
+        self.name = source.name
+        self.dropped = 0
+
+    def describe(self) -> dict[str, str]:
+        return self._source.describe()
+
+    @property
+    def attachments(self) -> Mapping[str, bytes]:
+        return self._source.attachments
+
+    @property
+    def image_size(self) -> tuple[int, int]:
+        return self._source.image_size
+
+    def frame_count(self) -> int | None:
+        return self._source.frame_count()
+
+    def preparation(self) -> str | None:
+        return self._source.preparation()
+
+    def frames(self) -> Iterator[CapturedFrame | SourceEvent]:
+        frames = self._source.frames()
+        try:
+            for item in frames:
+                if isinstance(item, SourceEvent) or self._admits(len(item.data)):
+                    yield item
+                elif self._admission.closed:
+                    return
+                else:
+                    self.dropped += 1
+                    text = f"frame {item.frame_index} dropped: the pipeline is too slow for it"
+                    yield SourceEvent(item.timestamp_ns, "warning", text, dropped=1)
+        finally:
+            if close := getattr(frames, "close", None):
+                close()
+
+    def _admits(self, size: int) -> bool:
+        return self._admission.enter(size)
+
+
+class LiveGatedSource(GatedSource):
+    """The same of a source that does not wait: frames that cannot be tracked are dropped."""
+
+    def __init__(self, source: LiveSource, admission: Admission) -> None:
+        super().__init__(source, admission)
+        self._live = source
+
+    def stop(self) -> None:
+        """From another thread: let `frames` end."""
+        self._live.stop()
+
+    def _admits(self, size: int) -> bool:
+        return not self._admission.closed and self._admission.try_enter(size)
+
+
+def gated(source: Source | LiveSource, admission: Admission) -> GatedSource:
+    """The source behind a gate; live if it was."""
+    if is_live(source):
+        return LiveGatedSource(source, admission)  # type: ignore[arg-type]
+    return GatedSource(source, admission)

@@ -1,0 +1,29 @@
+"""What `arucolog track` says while it runs and at the end."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from replay.live.track import TrackStatus
+
+
+def status_text(status: TrackStatus) -> str:
+    """One line, beside the number of frames and their rate."""
+    now, counts = status.situation, status.recording.counts
+    parts = [now.status, f"{now.n_used} markers"]
+    if math.isfinite(now.x_m):
+        parts.append(f"x {now.x_m:.3f} y {now.y_m:.3f} m")
+    if math.isfinite(now.yaw_rad):
+        parts.append(f"yaw {math.degrees(now.yaw_rad):.1f}°")
+    if math.isfinite(status.latency.median_ms):
+        parts.append(f"latency {status.latency}")
+    parts.append(f"dropped {counts.dropped}")
+    return ", ".join(parts)
+
+
+def latency_text(latency_ms: dict[str, Any]) -> str:
+    """One line on the whole run."""
+    values = ", ".join(f"{key} {latency_ms[key]:.1f}" for key in ("median", "p95", "max"))
+    return f"latency from {latency_ms['from']} to track, ms: {values} ({latency_ms['clock']})"
