@@ -59,4 +59,6 @@ def _report(
         sample=sample,
         tick=lambda name: click.echo(f"Studying: {name}", err=True),
     )
+    for sentence in written.without:
+        click.echo(f"Without a study: {sentence}", err=True)
     click.echo(f"{written.page}\n{written.files}")

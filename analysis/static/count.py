@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analysis.static.alone import AXES
 from analysis.static.count_statistics import (
     CLEAR_KNEE,
     EXTREMES,
@@ -16,24 +19,35 @@ from analysis.static.count_statistics import (
     knee,
     summarize,
 )
-from analysis.static.placement import AXES
+from analysis.static.statistics import MIN_MARKERS
 from analysis.static.subsets import SubsetOptions, select_frames, solve_sizes
-from analysis.static.view import open_view
+from analysis.static.view import StillView, open_view
 from analysis.study import Study, StudyTable
 from pipeline.geometry import Array, wrap_angle
 from recorder.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def count(folder: Path, options: SubsetOptions | None = None) -> Study:
     """The study of one result of a camera standing still.
 
     Raises:
-        InputError: no result, no known marker, or the camera moved.
+        InputError: no result, no known marker, or the camera moved; as `study_count`.
+    """
+    return study_count(open_view(folder), options)
+
+
+def study_count(view: StillView, options: SubsetOptions | None = None) -> Study:
+    """The study of one view.
+
+    Raises:
+        InputError: no marker is in all frames, too many subsets, or no pose without a truth.
     """
     from analysis.static import count_figures
 
     options = options or SubsetOptions()
-    view = open_view(folder)
     chosen = select_frames(view, options.n_frames, for_errors=True)
     sizes = list(range(1, min(options.max_markers, len(chosen.ids)) + 1))
     has_truth = all(frame.has_truth for frame in chosen.frames)
@@ -41,12 +55,13 @@ def count(folder: Path, options: SubsetOptions | None = None) -> Study:
     if not has_truth:
         whole = next(iter(solve_sizes(view, chosen, [len(chosen.ids)], _quietly(options))))
         if not np.isfinite(whole.values).any():
-            raise InputError(folder, "expected a pose from all markers together, found none")
+            raise InputError(
+                view.result.folder, "expected a pose from all markers together, found none"
+            )
         reference = np.broadcast_to(_mean_pose(whole.values), chosen.truth.shape)
-    results = [
-        summarize(view, fixes, reference, has_truth=has_truth)
-        for fixes in solve_sizes(view, chosen, sizes, options)
-    ]
+    # Not in a loop of its own, whose variable would keep a size's fixes while the next is solved.
+    summary = partial(summarize, view, reference=reference, has_truth=has_truth)
+    results = list(map(summary, solve_sizes(view, chosen, sizes, options)))
     notes = (
         chosen.note(view),
         f"Solver: {options.solver}. {_sampling(results, options)}",
@@ -88,6 +103,7 @@ def _tables(
             )
         )
         notes = ()
+        tables += _interval_tables(whole)
     columns = [f"max_{axis}_{unit}" for axis, unit in wide]
     tables.append(
         StudyTable(
@@ -123,6 +139,39 @@ def _tables(
         )
     )
     return tuple(tables)
+
+
+def _interval_tables(whole: pd.DataFrame) -> list[StudyTable]:
+    """RMSE and mean error with their intervals."""
+    notes: tuple[str, ...] = (
+        "Intervals: 95 %, jackknife over the markers: what other markers in their places would "
+        "have given.",
+    )
+    empty = whole.loc[whole["rmse_x_cm"].notna() & whole["rmse_x_low_cm"].isna(), "markers"]
+    if len(empty):
+        listed = ", ".join(str(markers) for markers in empty)
+        notes += (
+            f"No interval for subsets of {listed} markers: fewer than {MIN_MARKERS} are in view, "
+            "or subsets of more than half of them share too many.",
+        )
+    return [
+        StudyTable(
+            f"count_{statistic}",
+            f"{title} by number of markers, with its interval",
+            whole[
+                [
+                    "markers",
+                    *(
+                        f"{statistic}_{axis}{end}_{unit}"
+                        for axis, _, unit, _ in AXES
+                        for end in ("", "_low", "_high")
+                    ),
+                ]
+            ],
+            notes,
+        )
+        for statistic, title in (("rmse", "RMSE"), ("bias", "Mean error"))
+    ]
 
 
 def _sampling(results: Sequence[CountResult], options: SubsetOptions) -> str:
