@@ -10,6 +10,7 @@ import click
 
 from analysis.study_cli import Command, json_option, show, study_options
 from analysis.tracking_cli import tracking
+from recorder.click_types import FiniteFloat
 
 if TYPE_CHECKING:
     from analysis.static.subsets import SolverName, SubsetOptions
@@ -88,7 +89,7 @@ Example:
 @click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=_RESULT)
 @click.option(
     "--large-cm",
-    type=click.FloatRange(min=0, min_open=True),
+    type=FiniteFloat(above=0.0),
     default=20.0,
     show_default=True,
     help="Errors above count as large.",
@@ -148,7 +149,7 @@ def count(
     epilog="""\b
 Example:
   arucolog analyze variance high.results/* -o table.yaml
-  arucolog replay drive.mcap --set "trackers.adaptive.variance.path=table.yaml"
+  arucolog replay d.mcap --set "trackers.a={r_scale: 1, variance: {kind: table, path: table.yaml}}"
 """
 )
 @click.argument("result", metavar="RESULT", type=_RESULT)
@@ -174,8 +175,8 @@ def variance(
     """Measure the variances of a position fix by number of markers, into a table for settings.
 
     About the mean over all subsets and frames of a camera that stands still; no truth is needed.
-    A tracker uses the table with `variance: {kind: table, path: table.yaml}`, its robust column
-    with `column: robust_cm2` beside that.
+    A tracker uses the table with `variance: {kind: table, path: table.yaml}` and `r_scale: 1`,
+    its robust column with `column: robust_cm2` beside that.
     """
     from analysis.static.variance_table import variance as study_variance
 

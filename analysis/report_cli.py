@@ -50,8 +50,6 @@ def _report(
     for path in (output, output.with_name(f"{output.stem}_files")):
         if path.exists() and not force:
             raise InputError(path, "already exists; --force replaces it")
-    if not output.parent.is_dir():
-        raise InputError(output.parent, "expected a folder for the report, found none")
     written = build(
         results,
         output,

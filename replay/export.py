@@ -103,6 +103,7 @@ def export(result: Result, format: Format, name: str | None, path: Path) -> list
     first = next(iter(result.settings.trackers))
     if format != "mcap":
         exported = trajectory(result, name or first)
+        path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, TEXT[format](exported.table).encode())
         return [exported]
     names = [name] if name else [FIXES, *result.settings.trackers, *_truth_if_any(result)]

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
 import pipeline.batch_pose
 from analysis.analyze_cli import analyze
-from analysis.static.count import count
-from analysis.static.count_statistics import knee, summarize
+from analysis.static.count import _findings, count
+from analysis.static.count_statistics import CountResult, knee, summarize
 from analysis.static.subsets import SubsetFixes, SubsetOptions, layouts
 from analysis.static.view import open_view
 from analysis.study import Study, text, write_study
@@ -290,3 +291,22 @@ def test_more_subsets_than_can_be_counted_is_one_clear_line(tmp_path: Path) -> N
         InputError, match=r"fewer than 2\*\*63 subsets, found .* of 2\d of the .*--max"
     ):
         count(folder, SubsetOptions(40, sample=5, progress=False))
+
+
+def test_a_sample_makes_no_knee_and_a_rising_rmse_is_said() -> None:
+    """Errors that rise with the second marker; the third size only drawn."""
+
+    def result(markers: int, of: int, largest: float, rmse: float) -> CountResult:
+        row = {
+            **{"subsets": 10, "of": of, "fixes": 10, "max_position_cm": largest},
+            **{"rmse_position_cm": rmse, "bias_x_cm": 0.0, "bias_y_cm": 0.0},
+        }
+        extents = dict.fromkeys(("all", "worst", "best"), 1.0)
+        drawn = np.zeros((1, 3))
+        return CountResult(markers, row, drawn[0, :2], np.eye(2), drawn, pd.DataFrame(), extents)
+
+    three = [result(1, 10, 5.0, 2.0), result(2, 10, 6.0, 3.0), result(3, 99, 1.0, 1.0)]
+    said = _findings(three, has_truth=True)
+    assert not any("falls" in sentence for sentence in said)
+    assert "Of 3 markers random subsets were solved: larger errors may exist." in said
+    assert "More markers are worse: the RMSE of the position rises at 2 (2.00 to 3.00 cm)." in said

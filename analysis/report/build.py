@@ -75,10 +75,10 @@ def report(
     def attempt(name: str, title: str, of: str, study: Callable[[], Study]) -> None:
         tick(f"{title.lower()}{of}")
         try:
-            add(study())
+            add(_titled(study(), of))
         except InputError as error:
             without.append(f"{title}{of}: {error}.")
-            add(Study(name, title, findings=(f"Not studied: {error}.",)))
+            add(Study(name, f"{title}{of}", findings=(f"Not studied: {error}.",)))
 
     for log in dict.fromkeys(str(result.summary["log_sha256"]) for result in results):
         tick("comparison")
@@ -92,9 +92,9 @@ def report(
         tick(f"variances{of}")
         measured = _variance(view, sample)
         if isinstance(measured, VarianceStudy):
-            add(measured.study, measured.content("table.yaml"))
+            add(_titled(measured.study, of), measured.content("table.yaml"))
         else:
-            add(measured)
+            add(_titled(measured, of))
     if driven:
         attempt("tracking", "Tracking", "", lambda: study_tracking(driven))
     if without:
@@ -130,6 +130,11 @@ def _variance(view: StillView, sample: int | None) -> VarianceStudy | Study:
     except InputError as error:
         title = "Variances by number of markers"
         return Study("variance", title, findings=(f"Not measured: {error}.",))
+
+
+def _titled(study: Study, of: str) -> Study:
+    """With what it is of, which tells two of a kind apart."""
+    return replace(study, title=f"{study.title}{of}")
 
 
 def _comparison(results: Sequence[Result]) -> Study:

@@ -218,32 +218,45 @@ def _quietly(options: SubsetOptions) -> SubsetOptions:
     return replace(options, progress=False)
 
 
+def _rises(markers: Sequence[int], cm: Sequence[float]) -> str:
+    """Where a value is larger than with one marker less."""
+    return ", ".join(
+        f"{n} ({before:.2f} to {after:.2f} cm)"
+        for n, before, after in zip(markers[1:], cm[:-1], cm[1:], strict=False)
+        if after > before
+    )
+
+
 def _findings(results: Sequence[CountResult], has_truth: bool) -> list[str]:
     what = "error" if has_truth else "distance"
     found = []
     by_count = {r.markers: r.row for r in results if r.row["fixes"]}
     markers = list(by_count)
     largest = [by_count[n]["max_position_cm"] for n in markers]
-    at = knee(markers, largest)
+    # A maximum of random subsets is none; what it seems to fall by is the sampling.
+    whole = [n for n in markers if by_count[n]["subsets"] == by_count[n]["of"]]
+    if len(whole) < len(markers):
+        drawn = ", ".join(str(n) for n in markers if n not in whole)
+        found.append(f"Of {drawn} markers random subsets were solved: larger {what}s may exist.")
+    largest = [by_count[n]["max_position_cm"] for n in whole]
+    rmse = [by_count[n]["rmse_position_cm"] for n in markers] if has_truth else []
+    at = knee(whole, largest)
     if at is not None:
         falls = (
             f"the largest position {what} falls most from {at.markers - 1} to {at.markers} "
             f"markers, from {at.before:.2f} to {at.after:.2f} cm ({at.factor:.1f} times)"
         )
         found.append(
-            f"Knee: {falls}: from {at.markers} markers on the large ones are gone."
+            f"Knee: {falls}."
             if at.factor >= CLEAR_KNEE
             else f"No clear knee: {falls}, which is less than {CLEAR_KNEE:g} times."
         )
-    rises = [
-        f"{n} ({before:.2f} to {after:.2f} cm)"
-        for n, before, after in zip(markers[1:], largest[:-1], largest[1:], strict=True)
-        if after > before
-    ]
+    rises = _rises(whole, largest)
     if rises:
-        found.append(
-            f"The largest position {what} rises with one more marker at {', '.join(rises)}."
-        )
+        found.append(f"The largest position {what} rises with one more marker at {rises}.")
+    worse = _rises(markers, rmse)
+    if worse:
+        found.append(f"More markers are worse: the RMSE of the position rises at {worse}.")
     if has_truth and len(markers) > 1:
         listed = ", ".join(f"{n}: {by_count[n]['rmse_position_cm']:.2f}" for n in markers)
         found.append(f"RMSE of the position in cm by number of markers: {listed}.")

@@ -22,7 +22,8 @@ def _horizontal_rmse_cm(errors: Array) -> float:
 
 
 def height_findings(views: Sequence[Alone]) -> list[str]:
-    if len(views) < 2:
+    # A second look from the same height says nothing of distance.
+    if len(views) < 2 or views[-1].height_m < 1.05 * views[0].height_m:
         return []
     near, far = (_horizontal_rmse_cm(view.errors) for view in (views[0], views[-1]))
     if not near > 0:

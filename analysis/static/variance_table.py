@@ -53,7 +53,8 @@ def variance(folder: Path, output: Path, options: SubsetOptions = DEFAULTS) -> S
     """
     measured = study_variance(open_view(folder), options)
     write_files(output.parent, {output.name: measured.content(output.name).encode()})
-    written = f"Written to {output}; use it with variance: {{kind: table, path: {output.name}}}."
+    use = f"r_scale: 1, variance: {{kind: table, path: {output.name}}}"
+    written = f"Written to {output}; use it with {use}."
     return replace(measured.study, findings=(*measured.study.findings, written))
 
 
@@ -98,7 +99,8 @@ def table_text(name: str, rows: Sequence[MeasuredVariance], source: dict[str, An
     body: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
     return (
         "# Variances of a position fix in cm² (x, y) with one, two, … markers, about their mean.\n"
-        f"# In settings.yaml, in a tracker:  variance: {{kind: table, path: {name}}}\n"
+        "# In settings.yaml, in a tracker with r_scale: 1 (0.25 is the paper's, for its table):\n"
+        f"#   variance: {{kind: table, path: {name}}}\n"
         "# robust_cm2, from the median absolute deviation:  "
         f"{{kind: table, path: {name}, column: robust_cm2}}\n"
     ) + body
