@@ -27,6 +27,10 @@ for command in analysis.cli.commands():
 
 def main() -> None:
     """The command line. Exit code 0: done, 1: failed, 2: wrong usage, 130: interrupted."""
+    if "" in sys.argv[1:]:
+        # An unset variable of a script; as a path it would be the folder one is in.
+        click.echo("Error: expected no empty argument, found one", err=True)
+        sys.exit(2)
     try:
         code = cli.main(standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
+from analysis.study_cli import Command, json_option, show, study_options
 from analysis.tracking_cli import tracking
+from recorder.click_types import FiniteFloat
 
 if TYPE_CHECKING:
-    from analysis.study import Study
-
-# Of a ranked list, what a terminal shows.
-_RANKS = 3
+    from analysis.static.subsets import SolverName, SubsetOptions
 
 _RESULT = click.Path(path_type=Path)
-_FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 def analyze() -> click.Group:
@@ -37,27 +35,11 @@ def _analyze() -> None:
 
 _analyze.add_command(tracking())
 
-_Command = Callable[..., None]
 
-
-def _study_options(function: _Command) -> _Command:
-    """-o and --json, as every study takes them."""
-    function = click.option(
-        "--json", "as_json", is_flag=True, help="Print tables and findings as JSON."
-    )(function)
-    return click.option(
-        "-o",
-        "--output",
-        type=_FOLDER,
-        help="Folder for tables (CSV, LaTeX) and figures (SVG, PNG); an earlier study's are "
-        "replaced.",
-    )(function)
-
-
-def _subset_options(sample: int | None, frames: int) -> Callable[[_Command], _Command]:
+def _subset_options(sample: int | None, frames: int) -> Callable[[Command], Command]:
     """--max, --solver, --sample, --frames and --seed, with the defaults of a study."""
 
-    def decorate(function: _Command) -> _Command:
+    def decorate(function: Command) -> Command:
         for option in reversed(
             (
                 click.option(
@@ -89,7 +71,7 @@ def _subset_options(sample: int | None, frames: int) -> Callable[[_Command], _Co
                     show_default=True,
                     help="How many frames: the first of those with the most markers.",
                 ),
-                click.option("--seed", type=int, default=0, show_default=True),
+                click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True),
             )
         ):
             function = option(function)
@@ -107,13 +89,15 @@ Example:
 @click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=_RESULT)
 @click.option(
     "--large-cm",
-    type=click.FloatRange(min=0, min_open=True),
+    type=FiniteFloat(above=0.0),
     default=20.0,
     show_default=True,
     help="Errors above count as large.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the bootstrap.")
-@_study_options
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the bootstrap."
+)
+@study_options
 def placement(
     results: tuple[Path, ...], large_cm: float, seed: int, output: Path | None, as_json: bool
 ) -> None:
@@ -128,7 +112,7 @@ def placement(
     from analysis.static.statistics import Bootstrap
 
     options = PlacementOptions(Bootstrap(seed=seed), large_cm)
-    _show(study_placement(results, options), output, as_json=as_json)
+    show(study_placement(results, options), output, as_json=as_json)
 
 
 @_analyze.command(
@@ -139,11 +123,11 @@ Example:
 )
 @click.argument("result", metavar="RESULT", type=_RESULT)
 @_subset_options(sample=None, frames=1)
-@_study_options
+@study_options
 def count(
     result: Path,
     max_markers: int,
-    solver: str,
+    solver: SolverName,
     sample: int | None,
     frames: int,
     seed: int,
@@ -158,14 +142,14 @@ def count(
     from analysis.static.count import count as study_count
 
     options = _options(max_markers, solver, sample, frames, seed, keep=output)
-    _show(study_count(result, options), output, as_json=as_json)
+    show(study_count(result, options), output, as_json=as_json)
 
 
 @_analyze.command(
     epilog="""\b
 Example:
   arucolog analyze variance high.results/* -o table.yaml
-  arucolog replay drive.mcap --set "trackers.adaptive.variance.path=table.yaml"
+  arucolog replay d.mcap --set "trackers.a={r_scale: 1, variance: {kind: table, path: table.yaml}}"
 """
 )
 @click.argument("result", metavar="RESULT", type=_RESULT)
@@ -177,12 +161,12 @@ Example:
     help="The table to write; an earlier one is replaced.",
 )
 @_subset_options(sample=20_000, frames=20)
-@click.option("--json", "as_json", is_flag=True, help="Print tables and findings as JSON.")
+@json_option
 def variance(
     result: Path,
     output: Path,
     max_markers: int,
-    solver: str,
+    solver: SolverName,
     sample: int | None,
     frames: int,
     seed: int,
@@ -191,51 +175,23 @@ def variance(
     """Measure the variances of a position fix by number of markers, into a table for settings.
 
     About the mean over all subsets and frames of a camera that stands still; no truth is needed.
-    A tracker uses the table with `variance: {kind: table, path: table.yaml}`, its robust column
-    with `column: robust_cm2` beside that.
+    A tracker uses the table with `variance: {kind: table, path: table.yaml}` and `r_scale: 1`,
+    its robust column with `column: robust_cm2` beside that.
     """
     from analysis.static.variance_table import variance as study_variance
 
     options = _options(max_markers, solver, sample, frames, seed)
-    _show(study_variance(result, output, options), None, as_json=as_json)
+    show(study_variance(result, output, options), as_json=as_json)
 
 
 def _options(
     max_markers: int,
-    solver: str,
+    solver: SolverName,
     sample: int | None,
     frames: int,
     seed: int,
     keep: Path | None = None,
-) -> Any:
+) -> SubsetOptions:
     from analysis.static.subsets import SubsetOptions
 
-    return SubsetOptions(
-        max_markers, "opencv" if solver == "opencv" else "batch", sample, frames, seed, keep
-    )
-
-
-def _show(study: Study, output: Path | None, *, as_json: bool) -> None:
-    import json
-
-    from analysis.study import as_json as json_of
-    from analysis.study import text, write_study
-
-    click.echo(json.dumps(json_of(study), indent=2) if as_json else text(_shortened(study)))
-    if output is not None:
-        files = write_study(study, output)
-        click.echo(f"{output}: {len(files)} files", err=True)
-
-
-def _shortened(study: Study) -> Study:
-    """For a terminal: of long ranked lists only the first."""
-    from dataclasses import replace
-
-    tables = []
-    for table in study.tables:
-        if "rank" in table.frame and table.frame["rank"].max() > _RANKS:
-            shown = table.frame[table.frame["rank"] <= _RANKS]
-            note = f"Ranks above {_RANKS} are in the files (-o) and with --json."
-            table = replace(table, frame=shown, notes=(*table.notes, note))
-        tables.append(table)
-    return replace(study, tables=tuple(tables))
+    return SubsetOptions(max_markers, solver, sample, frames, seed, keep)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,9 @@ import pandas as pd
 from recorder.errors import InputError
 from replay.accuracy import FIXES
 from replay.result import Result, open_result
+
+# Settings of more characters would push the errors out of sight.
+_LONG = 32
 
 
 def compare(folders: Sequence[Path]) -> pd.DataFrame:
@@ -103,7 +107,7 @@ def _differing(rows: Sequence[dict[str, Any]]) -> dict[str, list[str]]:
     """Settings that differ between the rows that have them; `-` where one has none or null."""
     keys = list(dict.fromkeys(key for row in rows for key in row))
     columns = {
-        key: ["-" if row.get(key) is None else str(row[key]) for row in rows] for key in keys
+        key: ["-" if row.get(key) is None else _short(row[key]) for row in rows] for key in keys
     }
     differing = {}
     for key, values in columns.items():
@@ -111,6 +115,14 @@ def _differing(rows: Sequence[dict[str, Any]]) -> dict[str, list[str]]:
         if len(asked) > 1:
             differing[key] = values
     return differing
+
+
+def _short(value: Any) -> str:
+    """A setting; a long one by its beginning and a digest that tells it from others."""
+    text = str(value)
+    if len(text) <= _LONG:
+        return text
+    return f"{text[: _LONG - 8]}… {hashlib.sha256(text.encode()).hexdigest()[:6]}"
 
 
 def as_text(table: pd.DataFrame) -> str:

@@ -50,8 +50,6 @@ def _report(
     for path in (output, output.with_name(f"{output.stem}_files")):
         if path.exists() and not force:
             raise InputError(path, "already exists; --force replaces it")
-    if not output.parent.is_dir():
-        raise InputError(output.parent, "expected a folder for the report, found none")
     written = build(
         results,
         output,
@@ -59,4 +57,6 @@ def _report(
         sample=sample,
         tick=lambda name: click.echo(f"Studying: {name}", err=True),
     )
+    for sentence in written.without:
+        click.echo(f"Without a study: {sentence}", err=True)
     click.echo(f"{written.page}\n{written.files}")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.markers import load_dictionary
 from recorder.errors import InputError
+from recorder.files.whole_file import write_whole
 from recorder.files.yaml_file import read_bytes
 
 _FOLDER = Path(__file__).resolve().parent / "template_files"
@@ -98,7 +98,5 @@ def write_templates(folder: Path, grid: CeilingGrid, *, force: bool = False) -> 
         raise InputError(folder, "expected a folder, found a file")
     folder.mkdir(parents=True, exist_ok=True)
     for path, data in contents.items():
-        part = path.with_name(path.name + ".part")
-        part.write_bytes(data)
-        os.replace(part, path)
+        write_whole(path, data)
     return list(contents)

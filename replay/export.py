@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 
 from pipeline.geometry import Array, Pose, unit_quaternion
 from recorder.errors import InputError
+from recorder.files.whole_file import write_whole
 from recorder.log import topics
 from recorder.log.trajectory_writer import TimedPose, write_trajectories
 from replay.accuracy import FIXES
@@ -103,7 +103,8 @@ def export(result: Result, format: Format, name: str | None, path: Path) -> list
     first = next(iter(result.settings.trackers))
     if format != "mcap":
         exported = trajectory(result, name or first)
-        _write_text(path, TEXT[format](exported.table))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, TEXT[format](exported.table).encode())
         return [exported]
     names = [name] if name else [FIXES, *result.settings.trackers, *_truth_if_any(result)]
     trajectories = [trajectory(result, each) for each in names]
@@ -211,13 +212,3 @@ def _timed(table: pd.DataFrame) -> list[TimedPose]:
         TimedPose(frame_index, timestamp_ns, Pose.from_quat(row[:3], row[3:]))
         for (frame_index, timestamp_ns), row in zip(stamps, _poses(table), strict=True)
     ]
-
-
-def _write_text(path: Path, text: str) -> None:
-    partial = path.with_name(path.name + ".part")
-    try:
-        partial.write_text(text)
-        os.replace(partial, path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise

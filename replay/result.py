@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.localizer import PipelineSettings
@@ -94,12 +95,16 @@ class Result:
         """One of the tables.
 
         Raises:
-            InputError: the result has no such table, or not its columns.
+            InputError: the result has no such table, a damaged one, or one without its columns.
         """
         path = self.folder / f"{name}.parquet"
         if not path.exists():
             raise InputError(path, "expected a table of the result, found none")
-        table = pq.read_table(path)
+        try:
+            table = pq.read_table(path)
+        except (pa.ArrowException, OSError) as error:
+            found = str(error).rstrip(".")
+            raise InputError(path, f"expected a Parquet table, found: {found}") from error
         missing = [c for c in SCHEMAS[name].names if c not in table.column_names]
         if missing:
             raise InputError(path, f"expected the column {missing[0]}, found none")

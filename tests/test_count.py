@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import json
 import math
+import subprocess
+import sys
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
 import pipeline.batch_pose
 from analysis.analyze_cli import analyze
-from analysis.static.count import count
-from analysis.static.count_statistics import knee
-from analysis.static.subsets import SubsetOptions, layouts
+from analysis.static.count import _findings, count
+from analysis.static.count_statistics import CountResult, knee, summarize
+from analysis.static.subsets import SubsetFixes, SubsetOptions, layouts
+from analysis.static.view import open_view
 from analysis.study import Study, text, write_study
 from pipeline.pose import RansacIterative
 from recorder.errors import InputError
@@ -68,6 +72,37 @@ def test_six_markers_against_brute_force(result: Path) -> None:
             var = errors[:, 1].var()
             assert variances[size]["var_y_cm2"] == pytest.approx(var, rel=1e-6)
     assert np.isnan(variances[6]["var_y_cm2"])
+
+
+@pytest.mark.parametrize("size", [1, 2, 4])
+def test_intervals_hold_what_other_markers_give(size: int, tmp_path: Path) -> None:
+    """A fix is the mean of what its markers say; each errs by its own constant."""
+    marker_map = ring_map(6, 6)
+    view = open_view(still_result(tmp_path / "r", marker_map, noisy_frames(marker_map, 2)))
+    chosen = layouts(range(12), size, 10_000, 0)
+    rng, trials = np.random.default_rng(size), 60
+    held = {"rmse": 0.0, "bias": 0.0}
+    true = {"rmse": np.sqrt(0.5**2 + 1.04 / size), "bias": 0.5}
+    for _ in range(trials):
+        own = 0.5 + rng.normal(size=(1, 12, 3)) + rng.normal(0, 0.2, (2, 12, 3))
+        values = 0.01 * own[:, chosen.members].mean(axis=2)
+        fixes = SubsetFixes(chosen, values, np.ones(values.shape[:2], dtype=bool))
+        row = summarize(view, fixes, np.zeros((2, 3)), has_truth=True).row
+        for name, value in true.items():
+            for axis in "xy":
+                low, high = row[f"{name}_{axis}_low_cm"], row[f"{name}_{axis}_high_cm"]
+                held[name] += (low <= value <= high) / (2 * trials)
+    assert held["rmse"] >= 0.85
+    assert held["bias"] >= 0.90
+
+
+def test_subsets_of_most_markers_have_no_interval(result: Path) -> None:
+    study = count(result, SubsetOptions(max_markers=6, progress=False))
+    found = frame_of(study, "count_rmse")
+    for size, row in found.items():
+        assert np.isfinite(row["rmse_x_low_cm"]) == (size <= 3)
+        assert size > 3 or row["rmse_x_low_cm"] < row["rmse_x_cm"] < row["rmse_x_high_cm"]
+    assert "No interval for subsets of 4, 5, 6 markers" in text(study)
 
 
 def test_the_worst_and_best_subsets_by_name(result: Path) -> None:
@@ -212,3 +247,66 @@ def test_on_the_command_line_long_lists_are_cut(result: Path) -> None:
     assert "Ranks above 3" in run.stdout
     run = CliRunner().invoke(analyze(), ["count", str(result), "--max", "2", "--json"])
     assert len(json.loads(run.stdout)["tables"]["count_extremes"]["rows"]) == 6 + 10
+
+
+def test_memory_is_bounded_with_many_markers(tmp_path: Path) -> None:
+    """Sizes of which there are millions of subsets, in a process of its own; poses are made up."""
+    script = """
+import sys
+from pathlib import Path
+import numpy as np
+from analysis.static.count_statistics import summarize
+from analysis.static.subsets import SubsetOptions, select_frames, solve_sizes
+from analysis.static.view import open_view
+from pipeline import batch_pose
+
+def poses(seen, camera, marker_map, members, *, progress):
+    m, rng = len(members), np.random.default_rng(0)
+    flags = np.ones(m, bool)
+    return batch_pose.BatchPoses(
+        rng.normal(0, 0.01, (m, 3)), np.zeros((m, 4)), np.zeros(m), np.zeros(m), flags, flags
+    )
+
+batch_pose.solve_subsets = poses
+view = open_view(Path(sys.argv[1]))
+chosen = select_frames(view, 1)
+fixes = solve_sizes(view, chosen, [6, 7], SubsetOptions(progress=False))
+rows = [r.row for r in map(lambda f: summarize(view, f, chosen.truth, has_truth=True), fixes)]
+assert len(chosen.ids) >= 50 and all(1e6 < r["subsets"] < r["of"] for r in rows), rows
+print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
+"""
+    marker_map = ring_map(30, 30, radii_m=(0.45, 0.65))
+    folder = still_result(tmp_path / "many", marker_map, noisy_frames(marker_map, 1))
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(folder)], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) < 1_000_000
+
+
+def test_more_subsets_than_can_be_counted_is_one_clear_line(tmp_path: Path) -> None:
+    marker_map = ring_map(40, 40, radii_m=(0.45, 0.65))
+    folder = still_result(tmp_path / "many", marker_map, noisy_frames(marker_map, 1))
+    with pytest.raises(
+        InputError, match=r"fewer than 2\*\*63 subsets, found .* of 2\d of the .*--max"
+    ):
+        count(folder, SubsetOptions(40, sample=5, progress=False))
+
+
+def test_a_sample_makes_no_knee_and_a_rising_rmse_is_said() -> None:
+    """Errors that rise with the second marker; the third size only drawn."""
+
+    def result(markers: int, of: int, largest: float, rmse: float) -> CountResult:
+        row = {
+            **{"subsets": 10, "of": of, "fixes": 10, "max_position_cm": largest},
+            **{"rmse_position_cm": rmse, "bias_x_cm": 0.0, "bias_y_cm": 0.0},
+        }
+        extents = dict.fromkeys(("all", "worst", "best"), 1.0)
+        drawn = np.zeros((1, 3))
+        return CountResult(markers, row, drawn[0, :2], np.eye(2), drawn, pd.DataFrame(), extents)
+
+    three = [result(1, 10, 5.0, 2.0), result(2, 10, 6.0, 3.0), result(3, 99, 1.0, 1.0)]
+    said = _findings(three, has_truth=True)
+    assert not any("falls" in sentence for sentence in said)
+    assert "Of 3 markers random subsets were solved: larger errors may exist." in said
+    assert "More markers are worse: the RMSE of the position rises at 2 (2.00 to 3.00 cm)." in said

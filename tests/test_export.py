@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 import sys
 from collections import Counter
@@ -66,6 +67,19 @@ def test_tum_is_what_evo_reads(result: Result, tmp_path: Path) -> None:
     assert all(re.fullmatch(r"\d+\.\d{9}", stamp) for stamp in stamps)
     assert stamps[0] == "1700000000.200000000"
     assert exported.left_out == 2
+
+
+def test_evo_itself_reads_the_tum_file(result: Result, tmp_path: Path) -> None:
+    file_interface = pytest.importorskip("evo.tools.file_interface")
+    path = tmp_path / "adaptive.tum"
+    (exported,) = export_to(result, "tum", "adaptive", path)
+    read = file_interface.read_tum_trajectory_file(str(path))
+    table = exported.table
+    assert read.check()[0]
+    np.testing.assert_allclose(read.timestamps, table["timestamp_ns"] * 1e-9, rtol=0, atol=3e-7)
+    np.testing.assert_array_equal(read.positions_xyz, table[["x_m", "y_m", "z_m"]])
+    wxyz = table[["qw", "qx", "qy", "qz"]]
+    np.testing.assert_allclose(read.orientations_quat_wxyz, wxyz, atol=1e-15)
 
 
 def test_tum_reads_back_exactly(result: Result, tmp_path: Path) -> None:
@@ -190,6 +204,20 @@ def test_what_there_is_none_of_is_one_line(result: Result, blind: Result, tmp_pa
     (exported, *_) = export_to(blind, "mcap", None, tmp_path / "x.mcap")
     assert exported.name == "fixes"
     assert not path.exists()
+
+
+def test_a_damaged_table_is_one_line(result: Result, tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged"
+    shutil.copytree(result.folder, damaged)
+    for name in ("tracks", "poses", "truth", "detections"):
+        path = damaged / f"{name}.parquet"
+        whole = path.read_bytes()
+        for data in (whole[: len(whole) // 2], b"", b"PAR1 and no more PAR1"):
+            path.write_bytes(data)
+            with pytest.raises(InputError, match=f"{name}.parquet: expected a Parquet table") as e:
+                open_result(damaged).table(name)
+            assert "\n" not in str(e.value)
+        path.write_bytes(whole)
 
 
 def test_a_write_that_fails_leaves_nothing(tmp_path: Path) -> None:

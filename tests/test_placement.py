@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from matplotlib.container import ErrorbarContainer
 
 from analysis.analyze_cli import analyze
 from analysis.static.alone import solve_each
@@ -70,6 +71,20 @@ def test_the_share_of_large_errors(known: Path) -> None:
     assert found["inner"]["fixes_above_pct"] == 50.0
     assert found["outer"]["markers_above_pct"] == 0.0
     assert 0 < found["inner"]["markers_low_pct"] < 50 < found["inner"]["markers_high_pct"] < 100
+
+
+def test_no_bar_where_there_is_no_interval(tmp_path: Path) -> None:
+    marker_map = ring_map(2, 5)
+    folder = still_result(tmp_path / "few", marker_map, noisy_frames(marker_map, 3))
+    study = placement([folder], FAST)
+    found = rows(study, "placement_share")
+    assert np.isnan(found["inner"]["fixes_low_pct"])
+    # No fix of the outer markers is far off: that it never happens is not known for certain.
+    assert found["outer"]["fixes_above_pct"] == found["outer"]["fixes_low_pct"] == 0.0
+    assert found["outer"]["fixes_high_pct"] == found["outer"]["markers_high_pct"] > 20.0
+    figure = next(f for f in study.figures if f.name == "placement_share").figure
+    bars = [bar for bar in figure.axes[1].containers if isinstance(bar, ErrorbarContainer)]
+    assert [len(bar[2][0].get_segments()) for bar in bars] == [0, 1]
 
 
 def test_heights_side_by_side_nearest_first(known: Path, tmp_path: Path) -> None:
@@ -136,7 +151,7 @@ def test_too_few_markers_are_named_and_left_empty(tmp_path: Path) -> None:
     row = rows(study, "placement_rmse")["inner"]
     assert row["rmse_x_cm"] > 0
     assert np.isnan(row["rmse_x_low_cm"])
-    assert any("fewer than 3 markers" in note and "inner" in note for note in table.notes)
+    assert any("fewer than 4 markers" in note and "inner" in note for note in table.notes)
     assert as_json(study)["tables"]["placement_rmse"]["rows"][1]["rmse_x_low_cm"] is None
 
 

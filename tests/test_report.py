@@ -13,6 +13,7 @@ import yaml
 
 from analysis.report.build import report
 from analysis.report.page import page
+from analysis.static.view import StillView, open_view
 from analysis.study import Study, StudyTable
 from pipeline.variance import TableVariance
 from recorder.errors import InputError
@@ -24,20 +25,29 @@ from tests.make_sample import LOG, SETTINGS
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
-# What the page says of itself once it is drawn, for `--dump-dom` to print.
+# What the page says of itself once it is drawn, to the page around it.
 PROBE = """
 <script>
-addEventListener("error", e => document.body.dataset.error = e.message || "resource", true);
+const tell = data => parent.postMessage(data, "*");
+addEventListener("error", e => tell({error: e.message || "resource"}), true);
 addEventListener("load", () => {
   const images = [...document.images];
   const drawn = images.filter(i => i.complete && i.naturalWidth > 100 && i.clientWidth > 100);
-  Object.assign(document.body.dataset, {
+  tell({
     images: images.length, drawn: drawn.length,
     wide: document.documentElement.scrollWidth, window: innerWidth,
     small: getComputedStyle(document.body).fontSize,
   });
 });
 </script></head>
+"""
+
+# A frame as wide as a screen, for no browser window is as narrow as a phone; `--dump-dom` prints
+# what the page in it said.
+SCREEN = """<!doctype html><meta charset="utf-8"><link rel="icon" href="data:,">
+<body style="margin:0"><script>
+addEventListener("message", e => Object.assign(document.body.dataset, e.data));
+</script><iframe src="probed.html" style="width:{width}px;height:844px;border:0"></iframe></body>
 """
 
 
@@ -77,18 +87,20 @@ def test_every_table_lies_beside_it_as_csv_and_latex(built: Path) -> None:
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium")
-@pytest.mark.parametrize("width", [1280, 500])
+@pytest.mark.parametrize("width", [1280, 390])
 def test_a_browser_draws_it_without_errors(width: int, built: Path, tmp_path: Path) -> None:
     probed = tmp_path / "probed.html"
     probed.write_text(built.read_text().replace("</head>", PROBE, 1))
+    screen = tmp_path / "screen.html"
+    screen.write_text(SCREEN.format(width=width))
     assert CHROMIUM is not None
     done = subprocess.run(
         [
             *(CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"),
             *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
             *("--disable-quic", "--enable-logging=stderr", f"--user-data-dir={tmp_path / 'user'}"),
-            *(f"--window-size={width},900", "--virtual-time-budget=10000", "--dump-dom"),
-            probed.as_uri(),
+            *("--window-size=1300,900", "--virtual-time-budget=10000", "--dump-dom"),
+            screen.as_uri(),
         ],
         capture_output=True,
         text=True,
@@ -102,7 +114,8 @@ def test_a_browser_draws_it_without_errors(width: int, built: Path, tmp_path: Pa
     assert int(data["images"]) >= 6
     assert data["drawn"] == data["images"]
     # Wide tables scroll in their own frame; the page itself does not.
-    assert int(data["wide"]) <= int(data["window"])
+    assert int(data["window"]) == width
+    assert int(data["wide"]) <= width
     assert float(data["small"].removesuffix("px")) >= 15
 
 
@@ -142,16 +155,52 @@ def test_a_report_that_fails_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_new_report_has_no_files_of_the_old(built: Path, tmp_path: Path) -> None:
-    stale = tmp_path / "r_files" / "9-placement" / "old.csv"
-    own = tmp_path / "r_files" / "notes.txt"
-    stale.parent.mkdir(parents=True)
-    stale.write_text("x")
-    own.write_text("mine")
+def test_a_new_report_has_no_files_of_the_old_and_leaves_others(
+    built: Path, tmp_path: Path
+) -> None:
+    files = tmp_path / "r_files"
+    stale = files / "9-placement" / "old.csv"
+    others = [files / name for name in ("notes.txt", "1-notes.txt", "2024-photos/a.jpg")]
+    for path in (stale, *others):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("x")
     report([built.parent / "drive"], tmp_path / "r.html")
-    assert not stale.exists()
-    assert own.exists()
+    assert not stale.parent.exists()
+    assert all(path.exists() for path in others)
     assert (tmp_path / "r_files" / "2-tracking").is_dir()
+
+
+def test_a_result_without_a_study_is_named_and_spoils_nothing(built: Path, tmp_path: Path) -> None:
+    """One where nothing was seen, and one with a damaged table."""
+    log = worlds.small_log(tmp_path / "dark.mcap", 3, damaged=(0, 1, 2))
+    replay(log, tmp_path / "dark", "dark", ReplayOptions(rrd=False, progress=False))
+    broken = tmp_path / "broken"
+    shutil.copytree(built.parent / "still", broken)
+    table = broken / "detections.parquet"
+    table.write_bytes(table.read_bytes()[:-50])
+    folders = [built.parent / "drive", tmp_path / "dark", broken]
+    written = report(folders, tmp_path / "r.html")
+    assert "Tracking" in written.studies
+    page_text = (tmp_path / "r.html").read_text()
+    assert len(written.without) == 2
+    for sentence, reason in zip(written.without, ("markers of the map", "Parquet"), strict=True):
+        assert reason in sentence
+        assert reason in page_text
+
+
+def test_each_result_is_opened_once(
+    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = []
+
+    def opening(folder: Path) -> StillView:
+        opened.append(folder.name)
+        return open_view(folder)
+
+    for module in ("report.build", "static.placement", "static.count", "static.variance_table"):
+        monkeypatch.setattr(f"analysis.{module}.open_view", opening)
+    report([built.parent / "still"], tmp_path / "r.html", sample=5)
+    assert opened == ["still"]
 
 
 def test_a_folder_that_is_no_result(tmp_path: Path) -> None:

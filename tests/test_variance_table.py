@@ -14,6 +14,7 @@ from analysis.static.subsets import Layouts, SubsetFixes, SubsetOptions
 from analysis.static.variance_measure import measure
 from analysis.static.variance_table import variance
 from analysis.study import text
+from pipeline.batch_pose import subsets
 from pipeline.localizer import PipelineSettings
 from pipeline.variance import StaticVariance, TableVariance
 from recorder.errors import InputError
@@ -63,6 +64,22 @@ def test_the_interval_holds_what_other_markers_would_have_given() -> None:
         found = measure(fixes(own, 24))
         held += bool(found.low_cm2[0] <= 4.0 * 1.01 <= found.high_cm2[0])
     assert held / trials >= 0.90
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_the_interval_of_subsets_holds_it_too(size: int) -> None:
+    """A fix is the mean of what its markers say: its variance over all markers is 4 cm² / size."""
+    rng = np.random.default_rng(6)
+    members = subsets(24, size)
+    held, trials = 0, 150
+    for _ in range(trials):
+        own = rng.normal(0, 0.02, (1, 24, 2)) + rng.normal(0, 0.002, (4, 24, 2))
+        values = np.zeros((4, len(members), 3))
+        values[..., :2] = own[:, members].mean(axis=2)
+        layouts = Layouts(tuple(range(24)), members, len(members))
+        found = measure(SubsetFixes(layouts, values, np.ones(values.shape[:2], dtype=bool)))
+        held += bool(found.low_cm2[0] <= 4.0 * 1.01 / size <= found.high_cm2[0])
+    assert held / trials >= 0.87
 
 
 def test_the_table_goes_through_settings(tmp_path: Path) -> None:

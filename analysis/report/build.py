@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from analysis.compare import compare
 from analysis.report.page import page
-from analysis.static.count import count
-from analysis.static.placement import placement
+from analysis.static.count import study_count
+from analysis.static.placement import study_placement
 from analysis.static.subsets import SubsetOptions
-from analysis.static.variance_table import DEFAULTS, study_variance
-from analysis.static.view import MovedError, open_view
+from analysis.static.variance_table import DEFAULTS, VarianceStudy, study_variance
+from analysis.static.view import MovedError, StillView, open_view
 from analysis.study import Study, StudyTable, study_files, write_files
 from analysis.tracking.study import study_tracking
 from recorder.errors import InputError
 from replay.result import Result, open_result
+
+# The folders of an earlier report, which a new one replaces.
+_OWN = re.compile(r"\d+-(comparison|placement|count|variance|tracking)")
 
 
 @dataclass(frozen=True)
@@ -26,11 +30,15 @@ class Report:
     """What was written: the page, and a folder with each table as CSV and LaTeX, each figure.
 
     In the folders of variances lies also the `table.yaml` that settings can point to.
+
+    Attributes:
+        without: sentences that name what could not be studied, and why; they are on the page too.
     """
 
     page: Path
     files: Path
     studies: tuple[str, ...]
+    without: tuple[str, ...]
 
 
 def report(
@@ -43,6 +51,8 @@ def report(
 ) -> Report:
     """Writes the page of all studies that the results allow: still cameras, drives, or both.
 
+    A result that allows none is on the page with the reason.
+
     Args:
         sample: at most so many random subsets of each size in the study of the number of markers.
         tick: called with the name of each study before it begins.
@@ -51,59 +61,80 @@ def report(
         InputError: a folder is no result.
     """
     results = [open_result(folder) for folder in folders]
-    still = [result for result in results if _stands_still(result)]
-    driven = [result for result in results if result not in still]
+    still, driven, without = _sorted(results)
     studies: list[Study] = []
     files: dict[str, bytes] = {}
 
-    def add(study: Study, **more: str) -> None:
+    def add(study: Study, table: str | None = None) -> None:
         studies.append(study)
-        for name, content in study_files(study).items():
-            files[f"{len(studies)}-{study.name}/{name}"] = content
-        for name, text in more.items():
-            files[f"{len(studies)}-{study.name}/{name}.yaml"] = text.encode()
+        folder = f"{len(studies)}-{study.name}"
+        files.update({f"{folder}/{name}": data for name, data in study_files(study).items()})
+        if table is not None:
+            files[f"{folder}/table.yaml"] = table.encode()
+
+    def attempt(name: str, title: str, of: str, study: Callable[[], Study]) -> None:
+        tick(f"{title.lower()}{of}")
+        try:
+            add(_titled(study(), of))
+        except InputError as error:
+            without.append(f"{title}{of}: {error}.")
+            add(Study(name, f"{title}{of}", findings=(f"Not studied: {error}.",)))
 
     for log in dict.fromkeys(str(result.summary["log_sha256"]) for result in results):
         tick("comparison")
         add(_comparison([r for r in results if r.summary["log_sha256"] == log]))
     if still:
-        tick("placement")
-        add(placement([result.folder for result in still]))
-        for result in still:
-            log = result.summary["log"]
-            tick(f"number of markers, {log}")
-            add(count(result.folder, SubsetOptions(sample=sample)))
-            tick(f"variances, {log}")
-            add(**_variance(result, sample))
+        attempt("placement", "Placement of single markers", "", lambda: study_placement(still))
+    for view in still:
+        of = f", {view.result.summary['log']}"
+        options = SubsetOptions(sample=sample)
+        attempt("count", "Number of markers", of, partial(study_count, view, options))
+        tick(f"variances{of}")
+        measured = _variance(view, sample)
+        if isinstance(measured, VarianceStudy):
+            add(_titled(measured.study, of), measured.content("table.yaml"))
+        else:
+            add(_titled(measured, of))
     if driven:
-        tick("tracking")
-        add(study_tracking(driven))
+        attempt("tracking", "Tracking", "", lambda: study_tracking(driven))
+    if without:
+        add(Study("without", "Without a study", findings=tuple(without)))
     text = page(title or _title(results), studies, results)
     # Everything is made; from here on only the disk can fail.
     folder = out.with_name(f"{out.stem}_files")
-    for earlier in folder.glob("[0-9]*-*"):
-        shutil.rmtree(earlier)
+    for earlier in folder.glob("*"):
+        if _OWN.fullmatch(earlier.name) and earlier.is_dir() and not earlier.is_symlink():
+            shutil.rmtree(earlier)
     write_files(folder, files)
     write_files(out.parent, {out.name: text.encode()})
-    return Report(out, folder, tuple(study.title for study in studies))
+    return Report(out, folder, tuple(study.title for study in studies), tuple(without))
 
 
-def _variance(result: Result, sample: int | None) -> dict[str, Any]:
+def _sorted(results: Sequence[Result]) -> tuple[list[StillView], list[Result], list[str]]:
+    """Still cameras, drives, and why the others are neither."""
+    still, driven, without = [], [], []
+    for result in results:
+        try:
+            still.append(open_view(result.folder))
+        except MovedError:
+            driven.append(result)
+        except InputError as error:
+            without.append(f"{result.name}: {error}.")
+    return still, driven, without
+
+
+def _variance(view: StillView, sample: int | None) -> VarianceStudy | Study:
     options = DEFAULTS if sample is None else replace(DEFAULTS, sample=sample)
     try:
-        measured = study_variance(result.folder, options)
+        return study_variance(view, options)
     except InputError as error:
         title = "Variances by number of markers"
-        return {"study": Study("variance", title, findings=(f"Not measured: {error}.",))}
-    return {"study": measured.study, "table": measured.content("table.yaml")}
+        return Study("variance", title, findings=(f"Not measured: {error}.",))
 
 
-def _stands_still(result: Result) -> bool:
-    try:
-        open_view(result.folder)
-    except MovedError:
-        return False
-    return True
+def _titled(study: Study, of: str) -> Study:
+    """With what it is of, which tells two of a kind apart."""
+    return replace(study, title=f"{study.title}{of}")
 
 
 def _comparison(results: Sequence[Result]) -> Study:

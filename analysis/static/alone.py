@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
+from tqdm import tqdm
 
+from analysis.static.groups import Grouping, group
 from analysis.static.view import StillFrame, StillView
 from pipeline.geometry import Array, wrap_angle
+
+# Axis, its column in the fixes, the unit people read and its size in SI.
+AXES = (("x", 0, "cm", 100.0), ("y", 1, "cm", 100.0), ("yaw", 2, "deg", 180.0 / np.pi))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,3 +93,60 @@ def solve_each(
     errors = values - np.array([frame.truth for frame in frames])[:, None, :]
     errors[..., 2] = wrap_angle(errors[..., 2])
     return Fixes(subsets, values, errors, rejected)
+
+
+@dataclass(frozen=True, eq=False)
+class Alone:
+    """One view with every marker solved alone.
+
+    Attributes:
+        height_m: that of the view; NaN where nothing gives it.
+        suffix: tells results at the same height apart, by their folder; else empty.
+        errors: (frames, markers, 3) cm, cm, degrees; about the mean fix without a truth.
+    """
+
+    view: StillView
+    height_m: float
+    suffix: str
+    grouping: Grouping
+    fixes: Fixes
+    errors: Array
+
+    @property
+    def height(self) -> str:
+        """As tables show it, whose column has the unit."""
+        return f"{self.height_m:.3f}{self.suffix}"
+
+    @property
+    def label(self) -> str:
+        return f"{self.height_m:.3f} m{self.suffix}"
+
+    @property
+    def has_truth(self) -> bool:
+        return self.view.truth_kind is not None
+
+    def of(self, ids: Sequence[int]) -> Array:
+        """(frames, markers, 3) errors of some markers."""
+        return self.errors[:, self.fixes.columns(ids)]
+
+
+def solve_alone(views: Sequence[StillView], *, progress: bool = False) -> list[Alone]:
+    """Every marker of every view alone; views by height, nearest first."""
+    views = sorted(views, key=lambda view: view.height_m)
+    shared = len({f"{view.height_m:.3f}" for view in views}) < len(views)
+    found = []
+    with tqdm(
+        total=sum(len(view.frames) for view in views),
+        unit="frame",
+        desc="solve",
+        file=sys.stderr,
+        disable=None if progress else True,
+    ) as bar:
+        for view in views:
+            fixes = solve_each(view, 1, step=bar.update)
+            values = fixes.deviations() if view.truth_kind is None else fixes.errors
+            errors = values * np.array([scale for *_, scale in AXES])
+            grouping = group(view.marker_map, view.ids, view.centre_distance_px)
+            suffix = f" ({view.result.folder})" if shared else ""
+            found.append(Alone(view, view.height_m, suffix, grouping, fixes, errors))
+    return found

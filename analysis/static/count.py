@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analysis.static.alone import AXES
 from analysis.static.count_statistics import (
     CLEAR_KNEE,
     EXTREMES,
@@ -16,24 +19,35 @@ from analysis.static.count_statistics import (
     knee,
     summarize,
 )
-from analysis.static.placement import AXES
+from analysis.static.statistics import MIN_MARKERS
 from analysis.static.subsets import SubsetOptions, select_frames, solve_sizes
-from analysis.static.view import open_view
+from analysis.static.view import StillView, open_view
 from analysis.study import Study, StudyTable
 from pipeline.geometry import Array, wrap_angle
 from recorder.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def count(folder: Path, options: SubsetOptions | None = None) -> Study:
     """The study of one result of a camera standing still.
 
     Raises:
-        InputError: no result, no known marker, or the camera moved.
+        InputError: no result, no known marker, or the camera moved; as `study_count`.
+    """
+    return study_count(open_view(folder), options)
+
+
+def study_count(view: StillView, options: SubsetOptions | None = None) -> Study:
+    """The study of one view.
+
+    Raises:
+        InputError: no marker is in all frames, too many subsets, or no pose without a truth.
     """
     from analysis.static import count_figures
 
     options = options or SubsetOptions()
-    view = open_view(folder)
     chosen = select_frames(view, options.n_frames, for_errors=True)
     sizes = list(range(1, min(options.max_markers, len(chosen.ids)) + 1))
     has_truth = all(frame.has_truth for frame in chosen.frames)
@@ -41,12 +55,13 @@ def count(folder: Path, options: SubsetOptions | None = None) -> Study:
     if not has_truth:
         whole = next(iter(solve_sizes(view, chosen, [len(chosen.ids)], _quietly(options))))
         if not np.isfinite(whole.values).any():
-            raise InputError(folder, "expected a pose from all markers together, found none")
+            raise InputError(
+                view.result.folder, "expected a pose from all markers together, found none"
+            )
         reference = np.broadcast_to(_mean_pose(whole.values), chosen.truth.shape)
-    results = [
-        summarize(view, fixes, reference, has_truth=has_truth)
-        for fixes in solve_sizes(view, chosen, sizes, options)
-    ]
+    # Not in a loop of its own, whose variable would keep a size's fixes while the next is solved.
+    summary = partial(summarize, view, reference=reference, has_truth=has_truth)
+    results = list(map(summary, solve_sizes(view, chosen, sizes, options)))
     notes = (
         chosen.note(view),
         f"Solver: {options.solver}. {_sampling(results, options)}",
@@ -88,6 +103,7 @@ def _tables(
             )
         )
         notes = ()
+        tables += _interval_tables(whole)
     columns = [f"max_{axis}_{unit}" for axis, unit in wide]
     tables.append(
         StudyTable(
@@ -123,6 +139,39 @@ def _tables(
         )
     )
     return tuple(tables)
+
+
+def _interval_tables(whole: pd.DataFrame) -> list[StudyTable]:
+    """RMSE and mean error with their intervals."""
+    notes: tuple[str, ...] = (
+        "Intervals: 95 %, jackknife over the markers: what other markers in their places would "
+        "have given.",
+    )
+    empty = whole.loc[whole["rmse_x_cm"].notna() & whole["rmse_x_low_cm"].isna(), "markers"]
+    if len(empty):
+        listed = ", ".join(str(markers) for markers in empty)
+        notes += (
+            f"No interval for subsets of {listed} markers: fewer than {MIN_MARKERS} are in view, "
+            "or subsets of more than half of them share too many.",
+        )
+    return [
+        StudyTable(
+            f"count_{statistic}",
+            f"{title} by number of markers, with its interval",
+            whole[
+                [
+                    "markers",
+                    *(
+                        f"{statistic}_{axis}{end}_{unit}"
+                        for axis, _, unit, _ in AXES
+                        for end in ("", "_low", "_high")
+                    ),
+                ]
+            ],
+            notes,
+        )
+        for statistic, title in (("rmse", "RMSE"), ("bias", "Mean error"))
+    ]
 
 
 def _sampling(results: Sequence[CountResult], options: SubsetOptions) -> str:
@@ -169,32 +218,45 @@ def _quietly(options: SubsetOptions) -> SubsetOptions:
     return replace(options, progress=False)
 
 
+def _rises(markers: Sequence[int], cm: Sequence[float]) -> str:
+    """Where a value is larger than with one marker less."""
+    return ", ".join(
+        f"{n} ({before:.2f} to {after:.2f} cm)"
+        for n, before, after in zip(markers[1:], cm[:-1], cm[1:], strict=False)
+        if after > before
+    )
+
+
 def _findings(results: Sequence[CountResult], has_truth: bool) -> list[str]:
     what = "error" if has_truth else "distance"
     found = []
     by_count = {r.markers: r.row for r in results if r.row["fixes"]}
     markers = list(by_count)
     largest = [by_count[n]["max_position_cm"] for n in markers]
-    at = knee(markers, largest)
+    # A maximum of random subsets is none; what it seems to fall by is the sampling.
+    whole = [n for n in markers if by_count[n]["subsets"] == by_count[n]["of"]]
+    if len(whole) < len(markers):
+        drawn = ", ".join(str(n) for n in markers if n not in whole)
+        found.append(f"Of {drawn} markers random subsets were solved: larger {what}s may exist.")
+    largest = [by_count[n]["max_position_cm"] for n in whole]
+    rmse = [by_count[n]["rmse_position_cm"] for n in markers] if has_truth else []
+    at = knee(whole, largest)
     if at is not None:
         falls = (
             f"the largest position {what} falls most from {at.markers - 1} to {at.markers} "
             f"markers, from {at.before:.2f} to {at.after:.2f} cm ({at.factor:.1f} times)"
         )
         found.append(
-            f"Knee: {falls}: from {at.markers} markers on the large ones are gone."
+            f"Knee: {falls}."
             if at.factor >= CLEAR_KNEE
             else f"No clear knee: {falls}, which is less than {CLEAR_KNEE:g} times."
         )
-    rises = [
-        f"{n} ({before:.2f} to {after:.2f} cm)"
-        for n, before, after in zip(markers[1:], largest[:-1], largest[1:], strict=True)
-        if after > before
-    ]
+    rises = _rises(whole, largest)
     if rises:
-        found.append(
-            f"The largest position {what} rises with one more marker at {', '.join(rises)}."
-        )
+        found.append(f"The largest position {what} rises with one more marker at {rises}.")
+    worse = _rises(markers, rmse)
+    if worse:
+        found.append(f"More markers are worse: the RMSE of the position rises at {worse}.")
     if has_truth and len(markers) > 1:
         listed = ", ".join(f"{n}: {by_count[n]['rmse_position_cm']:.2f}" for n in markers)
         found.append(f"RMSE of the position in cm by number of markers: {listed}.")

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
-from analysis.static.placement import AXES
-from analysis.static.subsets import IntArray, SubsetFixes, differences
+from analysis.static.alone import AXES
+from analysis.static.jackknife import half_width, without_each
+from analysis.static.statistics import MIN_MARKERS
+from analysis.static.subsets import IntArray, Layouts, SubsetFixes, differences
 from analysis.static.view import StillView
 from pipeline.geometry import Array
 
@@ -70,6 +73,7 @@ def summarize(
         "unsettled": int((known & ~fixes.converged).sum()),
     }
     columns = {(axis, unit): flat[:, i] for axis, i, unit, _ in AXES}
+    row |= _intervals(layouts, errors, known, has_truth=has_truth)
     columns["position", "cm"] = position[known]
     for (axis, unit), values in columns.items():
         row |= _statistics(axis, unit, values, has_truth=has_truth)
@@ -79,7 +83,8 @@ def summarize(
         row,
         flat[:, :2].mean(axis=0) if len(flat) else np.full(2, np.nan),
         np.cov(flat[:, :2].T, bias=True) if enough else np.full((2, 2), np.nan),
-        flat[:: max(1, -(-len(flat) // _DRAWN))],
+        # A copy: a view would keep all of them.
+        flat[:: max(1, -(-len(flat) // _DRAWN))].copy(),
         *_extremes(view, fixes, position),
     )
 
@@ -97,6 +102,36 @@ def _statistics(axis: str, unit: str, values: Array, *, has_truth: bool) -> dict
         row[f"max_{axis}_{unit}"] = float(magnitude.max())
         quantiles = np.quantile(magnitude, np.array(QUANTILES) / 100.0)
         row |= {f"q{q}_{axis}_{unit}": float(v) for q, v in zip(QUANTILES, quantiles, strict=True)}
+    return row
+
+
+def _intervals(
+    layouts: Layouts, errors: Array, known: npt.NDArray[np.bool_], *, has_truth: bool
+) -> dict[str, float]:
+    """Of RMSE and mean error, by the jackknife over markers; NaN with too few of them.
+
+    Args:
+        errors: (frames, M, 3), `known` (frames, M) where they are finite.
+    """
+    row = {}
+    count = without_each(layouts, known.sum(axis=0).astype(np.float64))
+    left_out = count > 0.5
+    enough = has_truth and left_out.sum() >= MIN_MARKERS and 2 * layouts.size <= len(layouts.ids)
+    for axis, i, unit, _ in AXES:
+        low = high = mean = half = np.nan
+        finite = np.where(known, errors[..., i], 0.0)
+        if enough and np.isfinite(finite).all():
+            n = known.sum()
+            mean, square = finite.sum() / n, (finite**2).sum() / n
+            means = without_each(layouts, finite.sum(axis=0))[left_out] / count[left_out]
+            half = float(half_width(means)) or np.nan
+            squares = without_each(layouts, (finite**2).sum(axis=0))[left_out] / count[left_out]
+            if (squares > 0).all() and np.ptp(squares) > 0:
+                error = 0.5 * float(half_width(np.log(squares)))
+                low, high = np.sqrt(square) * np.exp([-error, error])
+        row[f"rmse_{axis}_low_{unit}"], row[f"rmse_{axis}_high_{unit}"] = float(low), float(high)
+        row[f"bias_{axis}_low_{unit}"] = float(mean - half)
+        row[f"bias_{axis}_high_{unit}"] = float(mean + half)
     return row
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
+from tqdm import tqdm
 
 from analysis.static.alone import solve_each
 from analysis.static.view import StillView
@@ -38,11 +40,18 @@ class Pairs:
     frames: int
 
 
-def solve_pairs(view: StillView) -> Pairs | None:
+def solve_pairs(view: StillView, *, progress: bool = False) -> Pairs | None:
     """All pairs, solved in at most `MAX_FRAMES` frames; None with fewer than `MIN_PAIRS`."""
     count = min(MAX_FRAMES, len(view.frames))
     at = np.unique(np.linspace(0, len(view.frames) - 1, count).round().astype(int))
-    fixes = solve_each(view, 2, [view.frames[i] for i in at])
+    with tqdm(
+        total=count,
+        unit="frame",
+        desc="pairs",
+        file=sys.stderr,
+        disable=None if progress else True,
+    ) as bar:
+        fixes = solve_each(view, 2, [view.frames[i] for i in at], step=bar.update)
     cm = 100.0 * fixes.horizontal_m
     known = np.isfinite(cm)
     solved = np.flatnonzero(known.any(axis=0))

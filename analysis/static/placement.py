@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis.static.alone import Fixes, solve_each
-from analysis.static.groups import Grouping, group
+from analysis.static.alone import AXES, Alone, solve_alone
 from analysis.static.statistics import MIN_MARKERS, STATISTICS, Bootstrap, statistics, wilson
 from analysis.static.view import StillView, open_view
 from analysis.study import Study, StudyTable
@@ -19,8 +18,8 @@ from pipeline.geometry import Array
 if TYPE_CHECKING:
     import pandas as pd
 
-# Axis, its column in the fixes, the unit people read and its size in SI.
-AXES = (("x", 0, "cm", 100.0), ("y", 1, "cm", 100.0), ("yaw", 2, "deg", 180.0 / np.pi))
+# With fewer the errors that the markers of a frame have in common are little known.
+FEW_FRAMES = 10
 
 TITLES = {
     "rmse": "Root mean square error",
@@ -31,46 +30,13 @@ TITLES = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Alone:
-    """One view with every marker solved alone.
-
-    Attributes:
-        height: metres, as tables show it; with the folder where two results share it.
-        errors: (frames, markers, 3) cm, cm, degrees; about the mean fix without a truth.
-    """
-
-    view: StillView
-    height: str
-    grouping: Grouping
-    fixes: Fixes
-    errors: Array
-
-    @property
-    def label(self) -> str:
-        return metres(self.height)
-
-    @property
-    def has_truth(self) -> bool:
-        return self.view.truth_kind is not None
-
-    def of(self, ids: Sequence[int]) -> Array:
-        """(frames, markers, 3) errors of some markers."""
-        return self.errors[:, self.fixes.columns(ids)]
-
-
-def metres(height: str) -> str:
-    """A height as tables show it, with its unit: `2.991 (folder)` is `2.991 m (folder)`."""
-    number, space, folder = height.partition(" ")
-    return f"{number} m{space}{folder}"
-
-
 @dataclass(frozen=True)
 class PlacementOptions:
-    """`large_cm`: errors above count as large."""
+    """`large_cm`: errors above count as large; `progress`: bars on a terminal."""
 
     bootstrap: Bootstrap = field(default_factory=Bootstrap)
     large_cm: float = 20.0
+    progress: bool = True
 
 
 def placement(folders: Sequence[Path], options: PlacementOptions | None = None) -> Study:
@@ -79,10 +45,15 @@ def placement(folders: Sequence[Path], options: PlacementOptions | None = None) 
     Raises:
         InputError: one is no result, shows no known marker, or its camera moved.
     """
+    return study_placement([open_view(folder) for folder in folders], options)
+
+
+def study_placement(opened: Sequence[StillView], options: PlacementOptions | None = None) -> Study:
+    """The study of one or more views, the nearest first."""
     from analysis.static import pairs, placement_figures, placement_findings
 
     options = options or PlacementOptions()
-    views = solve_alone([open_view(folder) for folder in folders])
+    views = solve_alone(opened, progress=options.progress)
     known = [view for view in views if view.has_truth]
     tables = [*_statistic_tables(views, options)]
     findings = [
@@ -94,11 +65,15 @@ def placement(folders: Sequence[Path], options: PlacementOptions | None = None) 
         share = share_table(known, options)
         figures = [
             placement_figures.distribution(known),
-            placement_figures.shares(share, options.large_cm),
+            placement_figures.shares(share, known, options.large_cm),
         ]
         tables.append(share)
-        findings += placement_findings.ring_findings(share.frame, options.large_cm)
-        studied = [(view, found) for view in known if (found := pairs.solve_pairs(view.view))]
+        findings += placement_findings.ring_findings(share.frame, known, options.large_cm)
+        studied = [
+            (view, found)
+            for view in known
+            if (found := pairs.solve_pairs(view.view, progress=options.progress))
+        ]
         without = [view.label for view in known if view not in [s for s, _ in studied]]
         if without:
             findings.append(
@@ -112,23 +87,6 @@ def placement(folders: Sequence[Path], options: PlacementOptions | None = None) 
     return Study(
         "placement", "Placement of single markers", tuple(tables), tuple(figures), tuple(findings)
     )
-
-
-def solve_alone(views: Sequence[StillView]) -> list[Alone]:
-    """Every marker of every view alone; views by height, nearest first."""
-    views = sorted(views, key=lambda view: view.height_m)
-    heights = [f"{view.height_m:.3f}" for view in views]
-    if len(set(heights)) < len(heights):
-        folders = [view.result.folder for view in views]
-        heights = [f"{h} ({folder})" for h, folder in zip(heights, folders, strict=True)]
-    found = []
-    for view, height in zip(views, heights, strict=True):
-        fixes = solve_each(view, 1)
-        values = fixes.deviations() if view.truth_kind is None else fixes.errors
-        errors = values * np.array([scale for *_, scale in AXES])
-        grouping = group(view.marker_map, view.ids, view.centre_distance_px)
-        found.append(Alone(view, height, grouping, fixes, errors))
-    return found
 
 
 def _statistic_tables(views: Sequence[Alone], options: PlacementOptions) -> list[StudyTable]:
@@ -161,7 +119,9 @@ def _statistic_tables(views: Sequence[Alone], options: PlacementOptions) -> list
         ]
         if statistic == "max":
             notes += (
-                "No resample's maximum is above the largest error seen, which is the upper end.",
+                "The largest error's interval is the middle of what resampling gives: it says how "
+                "much hangs on single markers, not what other markers would do. No resample is "
+                "above the largest error seen.",
             )
         tables.append(
             StudyTable(
@@ -204,7 +164,7 @@ def _notes(views: Sequence[Alone]) -> tuple[str, ...]:
     )
     by_tags = all(view.grouping.by_tags for view in views)
     return (
-        frames,
+        f"{frames}.",
         "Groups by the map's tags."
         if by_tags
         else "No ring tags in the map: rings are thirds of the markers by distance from the "
@@ -216,11 +176,19 @@ def _notes(views: Sequence[Alone]) -> tuple[str, ...]:
 def _interval_notes(views: Sequence[Alone], bootstrap: Bootstrap) -> tuple[str, ...]:
     notes: tuple[str, ...] = (
         f"Intervals: {100 * bootstrap.level:g} %, bootstrap over frames and markers, "
-        f"{bootstrap.resamples} resamples, seed {bootstrap.seed}, widened for few markers as "
-        "Student's t would.",
+        f"{bootstrap.resamples} resamples, seed {bootstrap.seed}: their standard error times "
+        "Student's t with the number of markers (all but the mean: on the logarithm). Measured, "
+        "they hold the truth in at least 93 % of cases for normal errors and 87 % for heavy-tailed "
+        "ones, but in as few as 76 % where a few markers err far more than the rest.",
     )
-    if any(len(view.view.frames) == 1 for view in views):
+    fewest = min(len(view.view.frames) for view in views)
+    if fewest == 1:
         notes += ("With a single frame the intervals know the markers' scatter only.",)
+    elif fewest < FEW_FRAMES:
+        notes += (
+            f"With fewer than {FEW_FRAMES} frames the intervals are too narrow if all markers of "
+            "a frame err together.",
+        )
     return notes
 
 
@@ -228,12 +196,17 @@ def _without_interval(whole: pd.DataFrame, statistic: str) -> tuple[str, ...]:
     """Sentences that name what is empty, and why."""
     column = whole[f"{statistic}_x_cm"]
     no_yaw = whole[column.notna() & whole[f"{statistic}_yaw_deg"].isna()]
-    bare = whole[column.notna() & whole[f"{statistic}_x_low_cm"].isna()]
+    values = whole[[f"{statistic}_{axis}_{unit}" for axis, _, unit, _ in AXES]]
+    lows = whole[[f"{statistic}_{axis}_low_{unit}" for axis, _, unit, _ in AXES]]
+    bare = whole[(values.notna().to_numpy() & lows.isna().to_numpy()).any(axis=1)]
     empty = whole[column.isna()]
     notes: tuple[str, ...] = ()
     if len(bare):
         names = ", ".join(f"{row.group} at a height of {row.height_m}" for row in bare.itertuples())
-        notes += (f"No interval for fewer than {MIN_MARKERS} markers: {names}.",)
+        notes += (
+            f"No interval for fewer than {MIN_MARKERS} markers, or where all err the same: "
+            f"{names}.",
+        )
     if len(empty):
         names = ", ".join(
             f"{row.group} at a height of {row.height_m}" for row in empty.itertuples()
@@ -257,7 +230,7 @@ def share_table(views: Sequence[Alone], options: PlacementOptions) -> StudyTable
             solved = known.any(axis=0)
             rms = np.sqrt(np.nansum(cm[:, solved] ** 2, axis=0) / known[:, solved].sum(axis=0))
             above = np.where(known, cm > options.large_cm, np.nan)
-            low, high = options.bootstrap.mean_interval(above)
+            low, high = options.bootstrap.share_interval(above)
             few, many = wilson(int((rms > options.large_cm).sum()), len(rms))
             rows.append(
                 {
@@ -280,7 +253,8 @@ def share_table(views: Sequence[Alone], options: PlacementOptions) -> StudyTable
         (
             "A marker counts when the root mean square over its frames of the horizontal position "
             f"error is above {options.large_cm:g} cm (interval: Wilson, over markers); a fix when "
-            "its own error is (interval: bootstrap over frames and markers).",
+            "its own error is (interval: Wilson, over as many independent fixes as would scatter "
+            "like the resamples of the bootstrap).",
         ),
     )
 

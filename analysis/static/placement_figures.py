@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from analysis.static.alone import Alone
 from analysis.static.pairs import Pairs, thirds
-from analysis.static.placement import Alone, metres
 from analysis.study import StudyFigure, StudyTable
 from analysis.style import FAINT, PALETTE, SEQUENTIAL, SHAPES, SINGLE, WIDE, new_figure
 from pipeline.geometry import Array
@@ -105,11 +105,11 @@ def _distribution(axis: Axes, view: Alone) -> tuple[int, int]:
     return outside, int(known.sum())
 
 
-def shares(table: StudyTable, large_cm: float) -> StudyFigure:
+def shares(table: StudyTable, views: Sequence[Alone], large_cm: float) -> StudyFigure:
     """The share of large errors by ring, bars with intervals, one group for each height."""
     figure = new_figure()
     panels = figure.subplots(1, 2, sharey=True)
-    heights = list(dict.fromkeys(table.frame["height_m"]))
+    heights = [view.height for view in views]
     rings = list(dict.fromkeys(table.frame["ring"]))
     width = 0.8 / len(rings)
     for axis, what in zip(panels, ("markers", "fixes"), strict=True):
@@ -127,9 +127,10 @@ def shares(table: StudyTable, large_cm: float) -> StudyFigure:
                 label=ring,
                 hatch="//" if n else "",
             )
-            bars = np.nan_to_num(np.abs(ends - share))
-            axis.errorbar(at, share, bars, fmt="none", ecolor="black", capsize=4)
-        axis.set_xticks(range(len(heights)), [metres(h).replace(" (", "\n(") for h in heights])
+            known = np.isfinite(ends).all(axis=0)
+            bars = np.abs(ends - share)[:, known]
+            axis.errorbar(at[known], share[known], bars, fmt="none", ecolor="black", capsize=4)
+        axis.set_xticks(range(len(views)), [v.label.replace(" (", "\n(") for v in views])
         axis.set(xlabel="camera height", ylim=(0, 100), title=f"of the {what}")
         axis.grid(visible=False, axis="x")
     panels[0].set_ylabel(f"error above {large_cm:g} cm (%)")
@@ -138,7 +139,8 @@ def shares(table: StudyTable, large_cm: float) -> StudyFigure:
         "placement_share",
         f"Share of errors above {large_cm:g} cm by ring",
         figure,
-        "Left: markers whose root mean square error is above; right: single fixes. Bars: 95 %.",
+        "Left: markers whose root mean square error is above; right: single fixes. Thin bars: 95 % "
+        "intervals; none where too few markers give none.",
     )
 
 

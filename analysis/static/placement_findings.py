@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.static.placement import Alone, metres
+from analysis.static.alone import Alone
 from analysis.static.statistics import statistics
 from pipeline.geometry import Array
 
@@ -22,7 +22,8 @@ def _horizontal_rmse_cm(errors: Array) -> float:
 
 
 def height_findings(views: Sequence[Alone]) -> list[str]:
-    if len(views) < 2:
+    # A second look from the same height says nothing of distance.
+    if len(views) < 2 or views[-1].height_m < 1.05 * views[0].height_m:
         return []
     near, far = (_horizontal_rmse_cm(view.errors) for view in (views[0], views[-1]))
     if not near > 0:
@@ -49,13 +50,14 @@ def class_findings(views: Sequence[Alone]) -> list[str]:
     return found
 
 
-def ring_findings(share: pd.DataFrame, large_cm: float) -> list[str]:
+def ring_findings(share: pd.DataFrame, views: Sequence[Alone], large_cm: float) -> list[str]:
     found = []
-    for height, rows in share.groupby("height_m", sort=False):
+    for view in views:
+        rows = share[share["height_m"] == view.height]
         listed = ", ".join(
             f"{row.ring} {row.markers_above_pct:.1f} % of the markers and "
             f"{row.fixes_above_pct:.1f} % of the fixes"
             for row in rows.itertuples()
         )
-        found.append(f"Errors above {large_cm:g} cm at {metres(str(height))}: {listed}.")
+        found.append(f"Errors above {large_cm:g} cm at {view.label}: {listed}.")
     return found

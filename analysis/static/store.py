@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import os
+import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +15,7 @@ import numpy.typing as npt
 from analysis.static.view import StillView
 from pipeline.detection import Detections
 from pipeline.geometry import Array
+from recorder.files.whole_file import write_whole
 from replay.versions import versions
 
 FOLDER = "subsets"
@@ -63,7 +64,10 @@ class Store:
             progress(len(members))
             return found
         found = self._compute(seen, members, progress)
-        _write(path, found)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        content = io.BytesIO()
+        np.savez(content, **vars(found))
+        write_whole(path, content.getvalue())
         return found
 
     def _compute(
@@ -105,14 +109,3 @@ def _read(path: Path, count: int) -> Piece | None:
     except (OSError, ValueError, KeyError, EOFError, BadZipFile):
         return None
     return piece if len(piece.yaw_rad) == count else None
-
-
-def _write(path: Path, piece: Piece) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with temporary.open("wb") as file:
-            np.savez(file, **{n: getattr(piece, n) for n in Piece.__dataclass_fields__})
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -21,8 +21,17 @@ from recorder.errors import InputError
 IntArray = npt.NDArray[np.int64]
 SolverName = Literal["batch", "opencv"]
 
-# Fixes held at once, of one number of markers; more subsets than that are sampled.
-MAX_FIXES = 5_000_000
+# Of one number of markers all subsets and fixes are held at once, with what statistics make of
+# them: more subsets than fit in this are sampled. The whole process stays below 1 GB.
+MAX_BYTES = 600_000_000
+
+# Fixes, errors, and copies of them.
+_BYTES_PER_FIX = 120
+# Of each marker of a subset: its position, and as much again while they are drawn.
+_BYTES_PER_MEMBER = 16
+
+# Ranks of subsets are int64.
+_MAX_SUBSETS = 2**63 - 1
 
 # Subsets solved in one go, and kept together.
 PIECE = 65_536
@@ -146,13 +155,24 @@ def layouts(ids: Sequence[int], size: int, limit: int, seed: int) -> Layouts:
 def solve_sizes(
     view: StillView, chosen: Selection, sizes: Sequence[int], options: SubsetOptions
 ) -> Iterator[SubsetFixes]:
-    """The fixes of each size in turn; memory is that of the largest."""
+    """The fixes of each size in turn; memory is that of the largest, if they are not kept.
+
+    Raises:
+        InputError: there are too many subsets of a size even to draw some.
+    """
     store = Store(options.keep, view, options.solver)
-    limit = MAX_FIXES // len(chosen.frames)
-    if options.sample is not None:
-        limit = min(limit, options.sample)
-    wanted = [layouts(chosen.ids, size, limit, options.seed) for size in sizes]
-    total = sum(len(each.members) for each in wanted) * len(chosen.frames)
+    n, counts = len(chosen.ids), []
+    for size in sizes:
+        of = math.comb(n, size)
+        if of > _MAX_SUBSETS:
+            raise InputError(
+                view.result.folder,
+                f"expected fewer than 2**63 subsets, found those of {size} of the {n} markers "
+                "in view; ask for smaller ones with --max",
+            )
+        room = MAX_BYTES // (_BYTES_PER_FIX * len(chosen.frames) + _BYTES_PER_MEMBER * size)
+        counts.append(min(of, max(1, room), options.sample or of))
+    total = sum(counts) * len(chosen.frames)
     with tqdm(
         total=total,
         unit="pose",
@@ -161,12 +181,13 @@ def solve_sizes(
         file=sys.stderr,
         disable=None if options.progress else True,
     ) as bar:
-        while wanted:
-            yield _solve(view, chosen, wanted.pop(0), store, bar.update)
+        for size, count in zip(sizes, counts, strict=True):
+            each = layouts(chosen.ids, size, count, options.seed)
+            yield _solve(chosen, each, store, bar.update)
 
 
 def _solve(
-    view: StillView, chosen: Selection, each: Layouts, store: Store, solved: Callable[[int], object]
+    chosen: Selection, each: Layouts, store: Store, solved: Callable[[int], object]
 ) -> SubsetFixes:
     shape = (len(chosen.frames), len(each.members))
     values = np.full((*shape, 3), np.nan)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
 
+from analysis.static.jackknife import half_width, without_each
 from analysis.static.subsets import SubsetFixes
 from pipeline.geometry import Array
 
@@ -79,20 +79,12 @@ def measure(fixes: SubsetFixes, seed: int = 0) -> MeasuredVariance:
 def _interval(
     fixes: SubsetFixes, xy: Array, known: npt.NDArray[np.bool_], cm2: Array
 ) -> tuple[Array, Array]:
-    """95 % by the jackknife over markers, on the logarithm.
-
-    The mean over all subsets is a U-statistic: leaving out one marker at a time, with all subsets
-    that it is in, gives its standard error (Arvesen, Ann. Math. Stat. 40:2076, 1969).
-    """
-    members, n_markers = fixes.layouts.members, len(fixes.layouts.ids)
+    """95 % by the jackknife over markers, on the logarithm."""
     centred = np.where(known[..., None], xy - xy[known].mean(axis=0), 0.0)
     per_subset = np.concatenate(
         [known.sum(axis=0)[:, None], centred.sum(axis=0), (centred**2).sum(axis=0)], axis=1
     )
-    without = np.repeat(per_subset.sum(axis=0)[None], n_markers, axis=0)
-    for column in members.T:
-        for i in range(per_subset.shape[1]):
-            without[:, i] -= np.bincount(column, per_subset[:, i], n_markers)
+    without = np.stack([without_each(fixes.layouts, sums) for sums in per_subset.T], axis=1)
     enough = without[:, 0] > 1.5
     if enough.sum() < 3 or not (cm2 > 0).all():
         return np.full(2, np.nan), np.full(2, np.nan)
@@ -100,10 +92,7 @@ def _interval(
     left = without[enough, 3:] / count - (without[enough, 1:3] / count) ** 2
     if not (left > 0).all():
         return np.full(2, np.nan), np.full(2, np.nan)
-    logs = np.log(left)
-    m = len(logs)
-    error = np.sqrt((m - 1) / m * ((logs - logs.mean(axis=0)) ** 2).sum(axis=0))
-    half = stats.t.ppf(0.975, m - 1) * error
+    half = half_width(np.log(left))
     return cm2 * np.exp(-half), cm2 * np.exp(half)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -48,29 +49,30 @@ def variance(folder: Path, output: Path, options: SubsetOptions = DEFAULTS) -> S
     """Measures a result's variances and writes them to the file `output`.
 
     Raises:
-        InputError: as `study_variance`.
+        InputError: no result, no known marker, or the camera moved; as `study_variance`.
     """
-    measured = study_variance(folder, options)
+    measured = study_variance(open_view(folder), options)
     write_files(output.parent, {output.name: measured.content(output.name).encode()})
-    written = f"Written to {output}; use it with variance: {{kind: table, path: {output.name}}}."
+    use = f"r_scale: 1, variance: {{kind: table, path: {output.name}}}"
+    written = f"Written to {output}; use it with {use}."
     return replace(measured.study, findings=(*measured.study.findings, written))
 
 
-def study_variance(folder: Path, options: SubsetOptions = DEFAULTS) -> VarianceStudy:
-    """Measures a result's variances.
+def study_variance(view: StillView, options: SubsetOptions = DEFAULTS) -> VarianceStudy:
+    """Measures a view's variances.
 
     Raises:
-        InputError: no result, no known marker, the camera moved, or one marker alone has fewer
-            than `MIN_FIXES` fixes, no scatter, or fewer than `MIN_SUBSETS` markers are in view.
+        InputError: no marker is in all frames, too many subsets, one marker alone has fewer than
+            `MIN_FIXES` fixes or no scatter, or fewer than `MIN_SUBSETS` markers are in view.
     """
-    view = open_view(folder)
     chosen = select_frames(view, options.n_frames)
     sizes = range(1, min(options.max_markers, len(chosen.ids)) + 1)
-    measured = [measure(f, options.seed) for f in solve_sizes(view, chosen, sizes, options)]
+    solved = solve_sizes(view, chosen, sizes, options)
+    measured = list(map(partial(measure, seed=options.seed), solved))
     rows = usable_rows(measured)
     if not rows:
         raise InputError(
-            folder,
+            view.result.folder,
             f"expected at least {MIN_SUBSETS} markers in view with {MIN_FIXES} different fixes of "
             f"one marker, found {measured[0].subsets} with {measured[0].fixes}; a longer log or "
             "more --frames gives more fixes",
@@ -97,7 +99,8 @@ def table_text(name: str, rows: Sequence[MeasuredVariance], source: dict[str, An
     body: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
     return (
         "# Variances of a position fix in cm² (x, y) with one, two, … markers, about their mean.\n"
-        f"# In settings.yaml, in a tracker:  variance: {{kind: table, path: {name}}}\n"
+        "# In settings.yaml, in a tracker with r_scale: 1 (0.25 is the paper's, for its table):\n"
+        f"#   variance: {{kind: table, path: {name}}}\n"
         "# robust_cm2, from the median absolute deviation:  "
         f"{{kind: table, path: {name}, column: robust_cm2}}\n"
     ) + body

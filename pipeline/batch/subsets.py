@@ -10,6 +10,12 @@ import numpy.typing as npt
 
 Index: TypeAlias = npt.NDArray[np.int64]
 
+# Out of up to so many times as many numbers as are wanted, those drawn are marked in a table.
+_DENSE = 16
+
+# Subsets made from their ranks at a time.
+_BLOCK = 65_536
+
 
 def subsets(n: int, size: int) -> Index:
     """(M, size) every subset of `size` out of range(n), in lexicographic order."""
@@ -37,14 +43,41 @@ def sample_subsets(n: int, size: int, count: int, seed: int) -> Index:
         return subsets(n, size)
     if total > np.iinfo(np.int64).max:
         raise ValueError(f"expected fewer than 2**63 subsets, found {size} of {n}")
-    ranks = np.sort(np.random.default_rng(seed).choice(total, count, replace=False))
+    ranks = _distinct(total, count, np.random.default_rng(seed))
     rows = np.zeros((count, size), dtype=np.int64)
+    for first in range(0, count, _BLOCK):
+        _unrank(n, ranks[first : first + _BLOCK], rows[first : first + _BLOCK])
+    return rows
+
+
+def _unrank(n: int, ranks: Index, rows: Index) -> None:
+    """Writes to `rows` (M, size) the subsets of range(n) with `ranks` (M,), which are spoilt."""
+    count, size = rows.shape
     missing = np.full(count, size)
     for marker in range(n):
         # How many of the subsets left begin with this marker.
         begin = np.array([math.comb(n - 1 - marker, m - 1) if m else 0 for m in range(size + 1)])
-        taken = (ranks < begin[missing]) & (missing > 0)
+        beginning = begin[missing]
+        taken = (ranks < beginning) & (missing > 0)
         rows[taken, size - missing[taken]] = marker
-        ranks -= np.where(taken, 0, begin[missing])
+        ranks -= np.where(taken, 0, beginning)
         missing -= taken
-    return rows
+
+
+def _distinct(total: int, count: int, rng: np.random.Generator) -> Index:
+    """(count,) different numbers below `total`, ascending, every set of them as likely.
+
+    What is missing is drawn again and again; memory is of the order of `count`, not of `total`.
+    """
+    if total > _DENSE * count:
+        ranks = np.empty(0, dtype=np.int64)
+        while missing := count - len(ranks):
+            ranks = np.sort(np.concatenate([ranks, rng.integers(0, total, missing)]))
+            ranks = ranks[np.diff(ranks, prepend=-1) > 0]
+        return ranks
+    drawn = np.zeros(total, dtype=bool)
+    # Of nearly all numbers it is quicker to draw those that are left out.
+    wanted = min(count, total - count)
+    while missing := wanted - int(np.count_nonzero(drawn)):
+        drawn[rng.integers(0, total, missing)] = True
+    return np.flatnonzero(drawn if wanted == count else ~drawn)
