@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from recorder.files.whole_file import write_whole
+from recorder.files.output_file import write_whole
 
 if TYPE_CHECKING:
     import pandas as pd

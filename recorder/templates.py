@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pipeline.markers import load_dictionary
 from recorder.errors import InputError
-from recorder.files.whole_file import write_whole
+from recorder.files.output_file import write_whole
 from recorder.files.yaml_file import read_bytes
 
 _FOLDER = Path(__file__).resolve().parent / "template_files"

@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.geometry import Array, Pose, unit_quaternion
 from recorder.errors import InputError
-from recorder.files.whole_file import write_whole
+from recorder.files.output_file import write_whole
 from recorder.log import topics
 from recorder.log.trajectory_writer import TimedPose, write_trajectories
 from replay.accuracy import FIXES

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from analysis.static.view import StillView
 from pipeline.detection import Detections
 from pipeline.geometry import Array
-from recorder.files.whole_file import write_whole
+from recorder.files.output_file import write_whole
 from replay.versions import versions
 
 FOLDER = "subsets"

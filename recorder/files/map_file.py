@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import yaml
 from pydantic import Field
 
 from pipeline.geometry import Pose
@@ -22,7 +21,7 @@ from pipeline.markers import (
     marker_rotation,
 )
 from recorder.errors import InputError
-from recorder.files.yaml_file import FileModel, parse_yaml, problems, validate
+from recorder.files.yaml_file import FileModel, inline_yaml, parse_yaml, problems, validate
 
 Positive = Annotated[float, Field(gt=0)]
 Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -229,12 +228,12 @@ def map_yaml(marker_map: MarkerMap) -> bytes:
     """A map.yaml that `parse_map` reads back to the same map (to 1e-9 m)."""
     sizes = Counter(m.size_m for m in marker_map.markers if not measured_by_corners(m))
     common = sizes.most_common(1)[0][0] if sizes else None
-    lines = [f"frame: {_inline(marker_map.frame)}", f"dictionary: {marker_map.dictionary}"]
+    lines = [f"frame: {inline_yaml(marker_map.frame)}", f"dictionary: {marker_map.dictionary}"]
     if common is not None:
-        lines.append(f"size_m: {_inline(common)}")
-    lines.append(f"inverted: {_inline(marker_map.inverted)}")
+        lines.append(f"size_m: {inline_yaml(common)}")
+    lines.append(f"inverted: {inline_yaml(marker_map.inverted)}")
     lines.append("markers:")
-    lines += [f"  - {_inline(_entry(marker, common))}" for marker in marker_map.markers]
+    lines += [f"  - {inline_yaml(_entry(marker, common))}" for marker in marker_map.markers]
     return ("\n".join(lines) + "\n").encode()
 
 
@@ -269,8 +268,3 @@ def measured_by_corners(marker: Marker) -> bool:
     """Whether the corners say more than the pose and the size."""
     square = marker.T_map_marker.apply(CORNER_SIGNS * (marker.size_m / 2.0))
     return not np.allclose(marker.corners_m, square, 0, 1e-10)
-
-
-def _inline(value: Any) -> str:
-    text: str = yaml.safe_dump(value, default_flow_style=True, width=10**6, sort_keys=False)
-    return text.removesuffix("\n").removesuffix("\n...")

@@ -1,4 +1,4 @@
-"""A file as the output of a command: whole or not at all, and never over another unasked."""
+"""A file as the output of a command: whole or not there, and never over another unasked."""
 
 from __future__ import annotations
 
@@ -23,16 +23,25 @@ def check_free(path: Path, *, force: bool) -> None:
 
 
 def write_output(path: Path, data: bytes, *, force: bool) -> None:
-    """`data` as the file `path`, through a file beside it.
+    """`data` as the file `path`.
 
     Raises:
         InputError: as `check_free`.
     """
     check_free(path, force=force)
-    part = path.with_name(path.name + ".part")
+    write_whole(path, data)
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Writes a file in place of an earlier one; where that fails, the earlier one stays.
+
+    Raises:
+        OSError: the file cannot be written; nothing else is left of it.
+    """
+    # Of its own for each process: two that write the same file do not write into each other's.
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.write_bytes(data)
-        os.replace(part, path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
+        temporary.write_bytes(data)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
