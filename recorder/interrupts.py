@@ -9,14 +9,13 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_HANGUP: signal.Signals | None = getattr(signal, "SIGHUP", None)
-_STOPPING = _SIGNALS if _HANGUP is None else (*_SIGNALS, _HANGUP)
+_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
+_STOPPING = tuple(signal.Signals[name] for name in _NAMES if hasattr(signal, name))
 
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ctrl-C and termination wait until the block is done, so that it happens whole."""
+    """Ctrl-C, termination and a lost terminal wait until the block is done: it happens whole."""
     if threading.current_thread() is not threading.main_thread():
         yield  # Python runs signal handlers in the main thread only
         return
@@ -26,7 +25,7 @@ def uninterrupted() -> Iterator[None]:
         waiting.append((number, frame))
 
     # A handler that was not set from Python cannot be put back.
-    before = {s: h for s in _SIGNALS if (h := signal.getsignal(s)) is not None}
+    before = {s: h for s in _STOPPING if (h := signal.getsignal(s)) is not None}
     for number in before:
         signal.signal(number, note)
     try:

@@ -10,6 +10,7 @@ from recorder.click_types import FiniteFloat
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 _LENGTH = FiniteFloat(above=0.0)
+_SMALLEST_M = 0.005
 
 
 @click.command(
@@ -60,6 +61,7 @@ def markers(
     """
     from tqdm import tqdm
 
+    from recorder.errors import InputError
     from recorder.files.map_file import parse_map
     from recorder.files.output_file import check_free, write_output
     from recorder.files.yaml_file import read_bytes
@@ -75,6 +77,13 @@ def markers(
     if map_path is not None and dictionary is not None:
         raise click.UsageError("the map says the dictionary: leave --dictionary out")
     given_m = size_m if size_m is not None else None if size_mm is None else size_mm / 1000.0
+    if given_m is not None and given_m < _SMALLEST_M:
+        raise click.UsageError(
+            f"expected markers of {1000 * _SMALLEST_M:g} mm or more, found {1000 * given_m:g} mm "
+            "(--size-mm is in millimetres, --size-m in metres)"
+        )
+    if output.suffix.lower() != ".pdf":
+        raise InputError(output, f"expected .pdf, found {output.suffix or 'no suffix'}")
     try:
         page = parse_page(page_name)
     except ValueError as error:

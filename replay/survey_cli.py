@@ -14,22 +14,21 @@ _ABOVE_ZERO = FiniteFloat(above=0.0)
 
 
 class _Ids(click.ParamType[frozenset[int]]):
-    """Marker ids with commas between them."""
+    """Marker ids as `0,5` or `0-3,7`."""
 
     name = "ids"
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> frozenset[int]:
+        from recorder.prints.ids import parse_ids
+
         if isinstance(value, frozenset):
             return value
         try:
-            ids = frozenset(int(part) for part in str(value).split(","))
-        except ValueError:
-            ids = frozenset({-1})
-        if min(ids) < 0:
-            self.fail(f"expected marker ids such as 0,5, found {value!r}", param, ctx)
-        return ids
+            return frozenset(parse_ids(str(value)))
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
 
 
 @click.command(

@@ -98,7 +98,7 @@ class RtspServer:
                 return
 
     def _play(self, client: socket.socket) -> None:
-        started_s = time.monotonic()
+        started_s, started_ns = time.monotonic(), time.time_ns()
         sequence = 0
         for i in range(self._close_after or 10**9):
             paused_s = self._pause_s if self._pause_at is not None and i >= self._pause_at else 0.0
@@ -106,7 +106,8 @@ class RtspServer:
             if self._stopped.wait(max(0.0, started_s + due_s - time.monotonic())):
                 return
             stamp = round(90_000 * due_s)
-            now_ns = time.time_ns()
+            # When it was due: this machine may be slow, a camera's clock is not.
+            now_ns = started_ns + round(due_s * 1e9)
             if self._reports and i % RATE_HZ == 0:
                 client.sendall(_framed(1, self._report(now_ns, stamp)))
             self.sent_ns.append(now_ns)

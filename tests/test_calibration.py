@@ -230,6 +230,38 @@ def test_projection_uncertainty_is_what_calibrations_scatter_by() -> None:
     np.testing.assert_allclose(expected, scatter, rtol=0.35)
 
 
+def test_corners_that_no_view_was_in_do_not_blur_the_middle() -> None:
+    """Where the board was the lens is known, however wild it may be beyond."""
+    matrix = np.array([[533.0, 0.0, 342.0], [0.0, 533.0, 234.0], [0.0, 0.0, 1.0]])
+    true = Camera(640, 480, matrix, "plumb_bob", np.array([-0.28, 0.05, 0.001, 0.0, 0.1]))
+    lens, truth, board = Lens("plumb_bob"), values_of(true), Chessboard(9, 6, 0.02)
+    poses = board_poses(true, board, 400, seed=1)
+    seen = [
+        (view, pose)
+        for view, pose in zip(exact_views(true, board, poses, sigma_px=0.2), poses, strict=True)
+        if (np.abs(view.pixels - (320, 240)) < (190, 150)).all()
+    ]
+    views, kept = [view for view, _ in seen], [pose for _, pose in seen]
+    covariance = fit_lens(lens, views, truth, as_rows(kept)).covariance
+    said = projection_std_px(lens, truth, covariance, true.image_size)
+    assert said[0, 0] > 5.0
+    # Lenses as they may be by that, each turned to what fits best where the board was.
+    v, u = np.mgrid[120.0:361.0:24.0, 160.0:481.0:32.0]
+    middle = np.column_stack([u.ravel(), v.ravel()])
+    rays = np.column_stack([true.undistort(middle), np.ones(len(middle))])
+    _, _, by_pose = lens.project(truth, np.zeros(6), rays) or (None, None, np.zeros((0, 6)))
+    errors = []
+    for values in np.random.default_rng(2).multivariate_normal(truth, covariance, 200):
+        error = (lens.camera(values, true.image_size).project(rays) - middle).ravel()
+        turn = np.linalg.lstsq(by_pose[:, :3], error, rcond=None)[0]
+        errors.append(error - by_pose[:, :3] @ turn)
+    scatter = float(np.sqrt(2 * np.mean(np.square(errors))))
+    rows, cols = said.shape
+    inside = said[rows // 4 : -(rows // 4), cols // 4 : -(cols // 4)]
+    print(f"middle: said {np.sqrt(np.mean(inside**2)):.3f} px, scatter {scatter:.3f} px")
+    assert float(np.sqrt(np.mean(inside**2))) == pytest.approx(scatter, rel=0.3)
+
+
 def test_warns_of_frontal_views_and_of_half_an_image() -> None:
     true = camera()
     frontal = exact_views(
@@ -314,6 +346,7 @@ def test_too_few_views_say_what_is_missing() -> None:
         ("chessboard:9:0.025", "COLSxROWS"),
         ("chessboard:9x2:0.025", "3 to 200 inner corners"),
         ("chessboard:9x6:25mm", "in metres"),
+        ("chessboard:9x6:25", "in metres, at most 1, found '25'"),
         ("chessboard:9x6:nan", "in metres"),
         ("chessboard:9x6:-1", "in metres"),
         ("charuco:8x8:0.02:0.03:DICT_4X4_250", "smaller than the squares"),

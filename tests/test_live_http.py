@@ -24,6 +24,7 @@ from recorder.sources.live import stream
 from recorder.sources.live.http_mjpeg import HttpConnection, http_camera, without_password
 from recorder.sources.live.multipart import CutError, parts
 from recorder.sources.opening import open_source
+from recorder.verify.run import verify
 from tests.live_helpers import Taker
 from tests.log_helpers import images
 from tests.mjpeg_server import Fault, MjpegProcess, MjpegServer, Script, Served
@@ -120,6 +121,7 @@ def test_a_stall_loses_nothing() -> None:
 def test_a_recording_says_all_that_went_wrong(tmp_path: Path) -> None:
     faults = {
         15: Fault("stall", 0.5),
+        20: Fault("corrupt"),
         30: Fault("empty"),
         40: Fault("truncated"),
         50: Fault("cut"),
@@ -145,6 +147,9 @@ def test_a_recording_says_all_that_went_wrong(tmp_path: Path) -> None:
         assert [hashlib.sha256(i.data).hexdigest() for i in images(log)] == with_bytes(served)
         told = [r.message for r in log.records() if isinstance(r, LogEvent)]
         assert log.metadata["session"]["source.clock"] == "server (X-Timestamp of each part)"
+        assert log.shortfall is None
+    rules = {v.rule: v.level for v in verify([tmp_path / "log.mcap"]).rules}
+    assert rules["counts"] == rules["end"] == "ok"
     for words in (
         "frame 15 is late", "frame 30 is empty", "frame 40 is a jpeg image without its end",
         "connection lost in the middle of frame 50", "connection lost after frame 60",
@@ -154,8 +159,8 @@ def test_a_recording_says_all_that_went_wrong(tmp_path: Path) -> None:
 
 
 def test_silence_is_a_lost_connection(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("recorder.sources.live.http_mjpeg.SILENCE_S", 0.3)
-    script = Script(count=20, faults={10: Fault("stall", 1.0)})
+    monkeypatch.setattr("recorder.sources.live.http_mjpeg.SILENCE_S", 1.0)
+    script = Script(count=20, faults={10: Fault("stall", 2.0)})
     with MjpegServer(script) as server, Taker(http_camera(server.url)) as taken:
         taken.wait_for(19)
     assert taken.messages[0].startswith("connection lost in the middle of frame 10")
@@ -265,6 +270,8 @@ def test_another_size_is_left_to_the_log() -> None:
 def test_a_password_is_not_shown() -> None:
     assert without_password("http://me:secret@cam:80/x?y=1") == "http://me:***@cam:80/x?y=1"
     assert without_password("http://cam/x@y") == "http://cam/x@y"
+    shown = without_password("http://cam/v.cgi?user=me&pwd=secret&rate=0")
+    assert shown == "http://cam/v.cgi?user=me&pwd=***&rate=0"
     with MjpegServer(Script()) as server:
         source = http_camera(server.url.replace("//", "//me:secret@"))
     assert "secret" not in str(source.describe())
@@ -309,6 +316,11 @@ def web_server(status: int, kind: str, body: bytes) -> Iterator[str]:
 def test_what_is_no_stream_is_said(status: int, kind: str, words: str) -> None:
     with web_server(status, kind, b"text") as url, pytest.raises(InputError, match=words):
         http_camera(url)
+
+
+def test_a_path_may_have_any_letters() -> None:
+    with MjpegServer(Script()) as server:
+        assert http_camera(f"{server.url}/Lager Süd?x=ä b").image_size == (64, 48)
 
 
 def test_nobody_there_is_said() -> None:

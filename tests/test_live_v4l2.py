@@ -233,7 +233,10 @@ def test_a_device_is_a_source(tmp_path: Path, opened_with: dict[str, str]) -> No
 def test_autofocus_is_warned_of(tmp_path: Path, opened_with: dict[str, str]) -> None:
     path = tmp_path / "video0"
     path.touch()
-    with Taker(device_camera(path, CameraSettings(), "jpeg", FakeDriver())) as taken:
+    source = device_camera(path, CameraSettings(), "jpeg", FakeDriver())
+    # Before the first frame on the screen, and in the log.
+    assert "autofocus is on" in (source.preparation() or "")
+    with Taker(source) as taken:
         taken.wait_for(1)
     assert taken.items[0] == taken.events[0]
     assert taken.events[0].level == "warning"

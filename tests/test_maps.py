@@ -298,3 +298,12 @@ def test_the_verdict_is_the_exit_code(tmp_path: Path) -> None:
     report = json.loads(done.output)
     assert (report["sane"], report["errors"], report["warnings"]) == (False, 1, 1)
     assert len(report["markers"]) == 12
+
+
+@pytest.mark.parametrize("name", ["1e5", "yes", "2", "a: b", "Küche", "null", "# 1"])
+def test_names_stay_names(name: str) -> None:
+    """Also those that YAML would take for something else."""
+    marker = Marker.from_yaw(0, (0, 0, 2), 0.0, "down", 0.1, None, (name,))
+    back = parse_map(map_yaml(MarkerMap(name, "DICT_6X6_50", (marker,))), SITE)
+    assert back.frame == name
+    assert back.markers[0].tags == (name,)

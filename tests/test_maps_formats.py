@@ -206,7 +206,6 @@ def test_what_a_format_cannot_hold_is_said() -> None:
     notes = " ".join(export_map(marker_map, SITE, "fiducial_slam").notes)
     assert "std_m of" not in notes
     assert "variance 0" in notes
-    assert "id 0" in notes
     notes = " ".join(export_map(marker_map, SITE, "csv").notes)
     assert notes == "not in this format: dictionary DICT_APRILTAG_36h11; frame hall; inverted"
 

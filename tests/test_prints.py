@@ -265,3 +265,13 @@ def test_what_cannot_be_printed_is_one_line(
     assert len(done.output.splitlines()) == 1
     assert all(word in done.output for word in words), done.output
     assert not list(tmp_path.iterdir())
+
+
+def test_sizes_in_the_wrong_unit_and_other_files_are_refused(tmp_path: Path) -> None:
+    metres = run("--ids", "0", "--size-mm", "0.15", "-o", tmp_path / "a.pdf")
+    assert metres.exit_code == 2
+    assert "expected markers of 5 mm or more, found 0.15 mm" in metres.output
+    picture = run("--ids", "0", "-o", tmp_path / "a.png")
+    assert isinstance(picture.exception, InputError)
+    assert "expected .pdf, found .png" in str(picture.exception)
+    assert not list(tmp_path.iterdir())

@@ -309,9 +309,26 @@ def test_a_mistake_of_the_tape_measure() -> None:
     assert [marker.id for marker in found.markers if marker.implausible] == [6]
     assert rms_m(found.refined, far) < 3e-3
     assert any("measure again: 6" in line for line in warnings(found))
+    assert not any("most of them" in line for line in warnings(found))
+    # Off by more than was said nearly everywhere, it is not the tape measure.
+    sure = tuple(replace(marker, prior=Prior(0.0005, 0.0005)) for marker in found.markers)
+    assert any("most of them" in line for line in warnings(replace(found, markers=sure)))
     rows = survey_text(found, FrameCount()).splitlines()
     row = next(row for row in rows if row.split()[:1] == ["6"])
     assert "measure again" in row
+
+
+def test_a_marker_fixed_where_it_is_not() -> None:
+    """Fixed markers that contradict each other are told of; which one is wrong nobody knows."""
+    true = misplaced(HAND, 9)
+    fixed = FIXED | {5}
+    sightings = seen(true, HAND, loop(30), sigma_px=0.2, fixed=fixed)
+    found = survey(sightings, CAMERA, HAND, SurveyOptions(fixed))
+    assert found.disowned
+    assert set(found.disowned) < fixed
+    told = " / ".join(warnings(found))
+    assert "fixed, but not where the images have it" in told
+    assert "another size" not in told
 
 
 def test_a_marker_of_another_size() -> None:

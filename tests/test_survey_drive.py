@@ -149,10 +149,11 @@ def test_a_rendered_drive_makes_the_map_five_times_better(site: Path) -> None:
 
 
 def test_the_report_for_people(site: Path) -> None:
-    done = arucolog("map", "survey", "drive.mcap", "--fix", "0", "--max-frames", "20", cwd=site)
+    done = arucolog("map", "survey", "drive.mcap", "--fix", "0,19", "--max-frames", "20", cwd=site)
     assert done.returncode == 0, done.stderr
     rows = {line.split()[0]: line for line in done.stdout.splitlines() if line.strip()}
     assert rows["0"].endswith("fixed")
+    assert rows["19"].endswith("fixed")
     assert len(rows["5"].split()) >= 12
     assert "20 frames used of 64 looked at (44 from where others are)" in done.stdout
     assert "the camera's calibration is taken as exact" in done.stdout
@@ -195,8 +196,8 @@ def test_the_same_again_and_files_that_exist(site: Path) -> None:
     ("arguments", "code", "part"),
     [
         (["none.mcap"], 1, "none.mcap"),
-        (["{log}", "--fix", "0,77"], 1, "expected the markers to fix, found no 77"),
-        (["{log}", "--fix", "0,x"], 2, "expected marker ids such as 0,5, found '0,x'"),
+        (["{log}", "--fix", "75-77"], 1, "expected the markers to fix, found no 75, 76, 77"),
+        (["{log}", "--fix", "0,x"], 2, "expected ids such as 0-23,30, found '0,x'"),
         (["{log}", "--std-m", "0"], 2, "above 0"),
         (["{log}", "--map", "none.yaml"], 1, "none.yaml: expected a file"),
         (["{log}", "-o", "no/such/folder.yaml"], 1, "expected the folder no/such"),

@@ -15,7 +15,7 @@ class FrameCounts:
     Attributes:
         written: in the log, whatever is wrong with them.
         dropped: left out of the frame numbers, or announced as lost.
-        late: came when twice the usual time had passed; of live sources only.
+        late: came when nearly twice the usual time had passed; of live sources only.
         corrupt: not whole images, or not of the size of the others.
         stamped_back: captured, as it seems, before the frame before them.
     """

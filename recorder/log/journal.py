@@ -94,8 +94,12 @@ class FrameJournal:
         if admitted:
             yield text
 
-    def end_part(self, counts: FrameCounts) -> Iterator[str]:
-        """Counts what is open; gives what is still to be written."""
-        counts.dropped += self._announced_dropped
-        self._announced_dropped = 0
+    def end_part(self, counts: FrameCounts, *, goes_on: bool) -> Iterator[str]:
+        """Counts what is open; gives what is still to be written.
+
+        `goes_on`: in a next part, whose first frame's number says what was lost before it.
+        """
+        if not goes_on:
+            counts.dropped += self._announced_dropped
+            self._announced_dropped = 0
         yield from self._limiter.rest()

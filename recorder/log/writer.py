@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -255,9 +256,11 @@ class LogWriter:
                         self._output.sync()
                     whole = not ending.failed(self._end.get("ended", ending.COMPLETE))
             finally:
+                ours = self.is_in_place
                 self._output.close()
                 if self._discarded:
-                    self.written_to.unlink(missing_ok=True)
+                    if ours:
+                        self.written_to.unlink(missing_ok=True)
                 elif replaces and whole:
                     os.replace(self.written_to, self.path)
                     self.written_to = self.path
@@ -266,9 +269,11 @@ class LogWriter:
     def _finish(self) -> None:
         if not self._begun and not self._output.full:
             self._begin(0, 0)
-        for text in self._journal.end_part(self.counts):
+        goes_on = ending.next_part(self._end.get("ended", "")) is not None
+        for text in self._journal.end_part(self.counts, goes_on=goes_on):
             if not self._output.full:
-                self._event(*self._journal.last_stamps, "warning", text)
+                with suppress(DiskFullError):
+                    self._event(*self._journal.last_stamps, "warning", text)
         end = {
             **self.counts.as_metadata(),
             "display_dropped": "0",

@@ -51,8 +51,6 @@ def export_fiducial_slam(marker_map: MarkerMap) -> ExportedMap:
     notes = list(left_behind(marker_map, ("std",)))
     if any(marker.std_m is None for marker in marker_map.markers):
         notes.append("markers without std_m have variance 0: fiducial_slam does not move them")
-    if 0 in marker_map.by_id:
-        notes.append("fiducial_slam does not use id 0, which is its own name for the origin")
     lines = []
     for marker in marker_map.markers:
         roll, pitch, yaw = np.degrees(roll_pitch_yaw(marker.T_map_marker.rotation)).tolist()

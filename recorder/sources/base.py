@@ -70,7 +70,7 @@ class Source(Protocol):
         ...
 
     def preparation(self) -> str | None:
-        """What will take long before the first frame, for people; None where nothing does."""
+        """What a person should know before the first frame, such as that it will take long."""
         ...
 
     def frames(self) -> Iterator[CapturedFrame | SourceEvent]:

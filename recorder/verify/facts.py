@@ -86,6 +86,18 @@ class Facts:
         return sum(known) if len(known) == len(values) else None
 
     @property
+    def unseen(self) -> NDArray[np.int64]:
+        """(P,) how many of the parts up to each follow one that is not here."""
+        before = [0, *(part.number for part in self.parts[:-1])]
+        return np.cumsum([part.number - b != 1 for part, b in zip(self.parts, before, strict=True)])
+
+    @property
+    def adjoin(self) -> NDArray[np.bool_]:
+        """(N - 1,) whether no missing part is between an image and the next."""
+        before = np.repeat(self.unseen, [part.images for part in self.parts])
+        return np.equal(before[1:], before[:-1])
+
+    @property
     def seconds(self) -> NDArray[np.float64]:
         """(N,) captures, in seconds of the log."""
         start_ns = self.log.start_ns or 0

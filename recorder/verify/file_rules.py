@@ -57,11 +57,12 @@ def counts(facts: Facts) -> Verdict:
     """What the log says about itself at the end is what is in it."""
     if not any(part.said for part in facts.parts):
         return warning("counts", "the log says nothing about what is in it")
-    # Gaps at a part's start may be counted in it, so these are compared in all.
-    missing = int(np.maximum(np.diff(facts.indices) - 1, 0).sum())
-    back = int((np.diff(facts.timestamps_ns) < 0).sum())
+    # Gaps at a part's start are counted in it, so these are compared in all.
+    missing = int(np.maximum(np.diff(facts.indices) - 1, 0)[facts.adjoin].sum())
+    back = int((np.diff(facts.timestamps_ns) < 0)[facts.adjoin].sum())
     found = {"frames_written": len(facts.indices), "events": sum(p.events for p in facts.parts)}
-    found["frames_stamped_back"] = back
+    if not facts.unseen.any():
+        found["frames_stamped_back"] = back
     if len(facts.sizes) <= 1:
         found["frames_corrupt"] = facts.cut
     for name, number in found.items():

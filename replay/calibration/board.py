@@ -19,6 +19,8 @@ FORMS = "chessboard:COLSxROWS:SQUARE_M or charuco:COLSxROWS:SQUARE_M:MARKER_M:DI
 # From 4 x 4 squares on a picture of the board bends enough to tell a lens from a pose.
 _FEWEST = {"chessboard": 3, "charuco": 4}
 _MOST = 200
+# A square of 25 is one of 25 mm.
+_LARGEST_M = 1.0
 
 
 @dataclass(frozen=True)
@@ -158,8 +160,10 @@ def _length(text: str, what: str) -> float:
         value = float(text)
     except ValueError:
         value = float("nan")
-    if not 0 < value < 100:
-        raise ValueError(f"expected the side of {what} in metres, found {text!r}")
+    if not 0 < value <= _LARGEST_M:
+        raise ValueError(
+            f"expected the side of {what} in metres, at most {_LARGEST_M:g}, found {text!r}"
+        )
     return value
 
 

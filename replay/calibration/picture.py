@@ -92,18 +92,21 @@ def _draw_residuals(axes: Axes, calibration: Calibration) -> None:
 
 def _draw_uncertainty(axes: Axes, calibration: Calibration) -> None:
     from matplotlib.colors import LogNorm
+    from matplotlib.ticker import LogLocator, StrMethodFormatter
 
     extent = _image_axes(axes, calibration)
     std = np.ma.masked_invalid(calibration.projection_std_px)
     axes.set_facecolor("#c9c9c9")
-    axes.set_title("Uncertainty of far points (grey: no ray)")
+    axes.set_title("Uncertainty of far points, px (grey: no ray)")
     if std.count():
         low, high = max(float(std.min()), 1e-3), max(float(std.max()), 2e-3)
         shown = axes.imshow(
             std, extent=extent, cmap="viridis_r", norm=LogNorm(low, high), aspect="equal",
             interpolation="bilinear",
         )  # fmt: skip
-        axes.figure.colorbar(shown, ax=axes, label="px", shrink=0.8)
+        bar = axes.figure.colorbar(shown, ax=axes, shrink=0.8, ticks=LogLocator(subs=(1, 2, 5)))
+        bar.ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        bar.ax.yaxis.set_minor_formatter("")
 
 
 def _draw_tilts(axes: Axes, calibration: Calibration) -> None:

@@ -8,6 +8,8 @@ from pipeline.geometry import Array
 from replay.calibration.lens import Lens
 
 _CELLS = 32
+# The weights of the turn hardly change after three.
+_ROUNDS = 4
 
 
 def projection_std_px(
@@ -17,7 +19,8 @@ def projection_std_px(
 
     Parameters that trade against each other (k1 of a rational lens against k4) may each be
     uncertain while the lens is not. A turn of the camera as a whole is no error of the lens: the
-    best small one is taken out. NaN where the lens gives no ray.
+    best small one is taken out, to which a point counts the less, the less is known there; else
+    corners that no view was in would blur all the rest. NaN where the lens gives no ray.
 
     Source: D. Kogan, mrcal, "A tour of mrcal: uncertainty": projection uncertainty at infinity.
     """
@@ -36,8 +39,14 @@ def projection_std_px(
     if projected is not None and len(points) >= 3:
         _, by_values, by_pose = projected
         turn = by_pose[:, :3]
-        moved = by_values - turn @ np.linalg.lstsq(turn, by_values, rcond=None)[0]
-        moved = moved.reshape(-1, 2, len(values))
-        variance = np.einsum("nij,jk,nik->n", moved, covariance, moved)
-        std[known] = np.sqrt(np.maximum(variance, 0.0))
+        root = np.ones((len(turn), 1))
+        for _ in range(_ROUNDS):
+            best = np.linalg.lstsq(root * turn, root * by_values, rcond=None)[0]
+            moved = (by_values - turn @ best).reshape(-1, 2, len(values))
+            variance = np.maximum(np.einsum("nij,jk,nik->n", moved, covariance, moved), 0.0)
+            middle = float(np.median(variance))
+            if not 0.0 < middle < np.inf:
+                break
+            root = np.repeat(1.0 / np.sqrt(variance + middle), 2)[:, None]
+        std[known] = np.sqrt(variance)
     return std.reshape(rows, cols)

@@ -18,6 +18,8 @@ from replay.survey.sightings import FrameCount
 _HEADER = (
     "marker", "frames", "dx", "dy", "dz", "dyaw", "tilt", "±x", "±y", "±z", "±yaw", "±tilt", ""
 )  # fmt: skip
+# Of the markers that may move; slips of the tape measure are rarer.
+_MANY = 0.5
 _UNITS = ("", "", "mm", "mm", "mm", "deg", "deg", "mm", "mm", "mm", "deg", "deg", "")
 
 
@@ -75,13 +77,19 @@ def warnings(survey: Survey) -> list[str]:
     lines = []
     if survey.unseen:
         lines.append(f"not seen beside another marker, left as measured: {listed(survey.unseen)}")
-    if survey.disowned:
+    disowned, fixed = set(survey.disowned), survey.options.fix
+    if disowned - fixed:
         lines.append(
             "seen, but the corners fit nowhere (another size? moved in between? two of it?), left "
-            f"as measured: {listed(survey.disowned)}"
+            f"as measured: {listed(disowned - fixed)}"
         )
-    missed = sorted(survey.options.fix & {*survey.unseen, *survey.disowned})
-    if missed:
+    if disowned & fixed:
+        lines.append(
+            "fixed, but not where the images have it beside the others that are fixed, so that "
+            f"nothing is tied to it: {listed(disowned & fixed)}. One of all these is not where it "
+            "was measured: fix those only that are sure"
+        )
+    if missed := fixed & set(survey.unseen):
         lines.append(
             f"fixed, but of no use here, so that nothing is tied to them: {listed(missed)}"
         )
@@ -96,6 +104,11 @@ def warnings(survey: Survey) -> list[str]:
         lines.append(
             "shifted by more than 3 standard deviations of the hand measurement, measure again: "
             f"{listed(again)}"
+        )
+    if len(again) > _MANY * sum(not marker.fixed for marker in survey.markers):
+        lines.append(
+            "that is most of them: is the calibration this camera's, are --std-m and --std-deg "
+            "what the measurements are good to?"
         )
     if not survey.converged:
         lines.append("the solution has not settled: the log says little about some marker")

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import resource
 import time
 from pathlib import Path
 
 import pytest
 
-from recorder.record import record
+from recorder.log.reader import LogReader
+from recorder.record import Status, record
+from recorder.sources.live.http_mjpeg import http_camera
 from tests.live_sources import LiveScript, now_frames
+from tests.log_helpers import images
+from tests.mjpeg_server import MjpegProcess, Script
 
 pytestmark = pytest.mark.bench
 
@@ -51,3 +56,51 @@ def test_memory_is_flat(tmp_path: Path) -> None:
     measure(tmp_path / "log.mcap", 3000, 400.0, 200_000)
     # The queue alone may hold 64 MiB.
     assert max_rss_mb() - before_mb < 70
+
+
+def rss_mb() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+def test_a_minute_of_a_network_camera(tmp_path: Path) -> None:
+    """1080p at 30 frames/s over loopback: every frame as it was served, or counted."""
+    path = tmp_path / "log.mcap"
+    script = Script(rate_hz=30.0, width_px=1920, height_px=1080, frame_bytes=300_000)
+    memory_mb: list[float] = []
+
+    def look(status: Status) -> None:
+        memory_mb.append(rss_mb())
+
+    with MjpegProcess(script, tmp_path / "served") as server:
+        source = http_camera(server.url)
+        used_s = time.process_time()
+        summary = record(source, path, duration_s=60.0, on_status=look)
+        used_s = time.process_time() - used_s
+        served = [entry.sha256 for entry in server.served()]
+    with LogReader(path) as log:
+        found = [hashlib.sha256(image.data).hexdigest() for image in images(log)]
+    early_mb, late_mb = max(memory_mb[50:150]), max(memory_mb[-100:])
+    print(
+        f"\n{len(found)} frames of 300 kB, {100 * used_s / summary.duration_s:.1f} % of a core, "
+        f"{early_mb:.0f} MB after 15 s, {late_mb:.0f} MB at the end"
+    )
+    assert len(found) > 1700
+    assert found == served[: len(found)]
+    assert summary.counts.dropped == summary.counts.corrupt == 0
+    assert used_s < 0.1 * summary.duration_s
+    assert late_mb < early_mb + 10
+
+
+def test_as_fast_as_a_network_camera_can_give(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    script = Script(count=2500, width_px=1920, height_px=1080, frame_bytes=400_000)
+    with MjpegProcess(script, tmp_path / "served") as server:
+        summary = record(http_camera(server.url), path, duration_s=15.0)
+        served = len(server.served())
+    counts = summary.counts
+    print(
+        f"\n{counts.written / summary.duration_s:.0f} frames/s of 400 kB, {counts.dropped} dropped"
+    )
+    assert counts.written + counts.dropped == served == script.count
+    assert counts.written / summary.duration_s >= 500

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import base64
 import http.client
+import re
 import socket
+import string
 import time
 from collections.abc import Mapping
 from contextlib import suppress
 from decimal import Decimal, InvalidOperation
 from email.message import Message
-from urllib.parse import SplitResult, unquote, urlsplit
+from urllib.parse import SplitResult, quote, unquote, urlsplit
 
 from recorder.errors import InputError
 from recorder.sources.live import clock
@@ -18,6 +20,8 @@ from recorder.sources.live.multipart import CutError, Part, parts
 from recorder.sources.live.stream import SILENCE_S, ConnectionLost, LiveCamera, Received
 
 _CONNECT_S = 5.0
+# Cameras that take no header for it: ?user=admin&pwd=...
+_SECRETS = re.compile(r"([?&][^=&#]*(?:pass|pwd|token|secret|auth|key)[^=&#]*=)[^&#]*", re.I)
 
 
 def http_camera(url: str) -> LiveCamera:
@@ -104,6 +108,7 @@ class HttpConnection:
     def _answered(self) -> http.client.HTTPResponse:
         path = self._address.path or "/"
         path += f"?{self._address.query}" if self._address.query else ""
+        path = quote(path, safe=string.punctuation)
         headers = {"User-Agent": "arucolog", **_authorization(self._address)}
         try:
             self._connection.request("GET", path, headers=headers)
@@ -146,6 +151,7 @@ class HttpConnection:
 
 def without_password(url: str) -> str:
     """The URL as it may be shown."""
+    url = _SECRETS.sub(r"\1***", url)
     scheme, separator, rest = url.partition("://")
     place, slash, path = rest.partition("/")
     user, at, host = place.rpartition("@")

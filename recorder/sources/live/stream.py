@@ -136,7 +136,7 @@ class LiveCamera:
         return None
 
     def preparation(self) -> str | None:
-        return None
+        return "\n".join(self._warnings) or None
 
     def stop(self) -> None:
         """From another thread: let `frames` end, within a second."""
