@@ -220,7 +220,7 @@ def _only(marker_map: MarkerMap, ids: str, map_path: Path) -> MarkerMap:
     from dataclasses import replace
 
     from recorder.errors import InputError
-    from recorder.prints.ids import parse_ids
+    from recorder.marker_ids import parse_ids
 
     try:
         wanted = parse_ids(ids)

@@ -66,7 +66,7 @@ def markers(
     from recorder.files.output_file import check_free, write_output
     from recorder.files.yaml_file import read_bytes
     from recorder.info_text import counted
-    from recorder.prints.ids import parse_ids
+    from recorder.marker_ids import parse_ids
     from recorder.prints.paper import parse_page
     from recorder.prints.sheets import Print, make_sheets, prints_of_map
 

@@ -17,6 +17,7 @@ from recorder.capture.recording import Recording, Status, Stop
 from recorder.capture.sink_thread import FrameSink
 from recorder.capture.source_thread import is_live
 from recorder.errors import InputError
+from recorder.interrupts import stop_requests
 from recorder.log import ending, topics
 from recorder.log.counts import FrameCounts
 from recorder.log.writer import LogWriter
@@ -130,26 +131,29 @@ def record(
         limit=split,
         recording=recording_id(told, files, live) if split else "",
         display_dropped=lambda: recording.display_dropped,
+        live=live,
     )
-    try:
-        ended, error = recording.run(writer, guard, on_status)
-    except BaseException as mistake:
-        writer.end_as(ending.after(mistake))
-        writer.close()
-        raise
-    problem = None
-    try:
-        if error is not None:
-            problem = _give_up(writer, error, live=live)
-        elif not writer.counts.written:
-            writer.discard()
-            if ended == "complete":
-                raise InputError(source.name, "expected images, found none that can be read")
-        else:
-            writer.end_as(ended)
+    # A second Ctrl-C does not come between the last frame and the end of the log.
+    with stop_requests() as request:
+        try:
+            ended, error = recording.run(writer, guard, request, on_status)
+        except BaseException as mistake:
+            writer.end_as(ending.after(mistake))
             writer.close()
-    except OSError as failure:
-        ended, problem = "failed", _write_problem(writer, failure)
+            raise
+        problem = None
+        try:
+            if error is not None:
+                problem = _give_up(writer, error, live=live)
+            elif not writer.counts.written:
+                writer.discard()
+                if ended == "complete":
+                    raise InputError(source.name, "expected images, found none that can be read")
+            else:
+                writer.end_as(ended)
+                writer.close()
+        except OSError as failure:
+            ended, problem = "failed", _write_problem(writer, failure)
     return RecordSummary(
         path=writer.paths[0],
         parts=tuple(writer.paths),

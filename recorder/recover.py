@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from google.protobuf.message import DecodeError
 
 from recorder.errors import InputError
 from recorder.log import ending, topics
@@ -94,7 +95,12 @@ def _copy(reader: LogReader, writer: LogWriter, counts: _Counter, shown: set[str
             if not own:
                 # A log of another make may leave it at 0.
                 message = replace(message, sequence=counts.counts.written)
-            _, data, format = from_image(CompressedImage.FromString(message.data))
+            try:
+                _, data, format = from_image(CompressedImage.FromString(message.data))
+            except DecodeError as error:
+                raise InputError(
+                    reader.path, "expected foxglove.CompressedImage, found other bytes", topics.IMAGE
+                ) from error
             stamps = (message.publish_time, message.log_time)
             counts.add(message.sequence, *stamps, image_fault(data, format))
         # What attachments show to viewers is made anew from them.

@@ -239,7 +239,7 @@ def _one_log(paths: tuple[Path, ...]) -> LogReader:
     """One log, or the parts of one recording in whatever order."""
     from recorder.log.parts import group_parts, open_log
 
-    groups = group_parts(paths)
+    groups = group_parts(paths, lambda text: click.echo(f"Warning: {text}", err=True))
     if len(groups) > 1:
         raise click.UsageError("expected one log, or the parts of one recording, found several")
     return open_log(groups[0])

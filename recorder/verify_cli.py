@@ -33,7 +33,7 @@ def verify(logs: tuple[Path, ...], quick: bool, as_json: bool) -> None:
     from recorder.verify.run import verify as verify_log
 
     verdicts = []
-    for group in group_parts(logs):
+    for group in group_parts(logs, lambda text: click.echo(f"Warning: {text}", err=True)):
         with tqdm(unit="frame", desc=group[0].name, disable=None, leave=False) as bar:
             verdict = verify_log(group, decode=not quick, on_image=bar.update)
         verdicts.append(verdict)

@@ -26,7 +26,7 @@ Example:
   arucolog calibrate board-pictures --board chessboard:9x6:0.025 -o camera.yaml
 """,
 )
-@click.argument("source", metavar="LOG|FOLDER|VIDEO", type=click.Path(path_type=Path))
+@click.argument("source", metavar="LOG|FOLDER|VIDEO", type=click.Path())
 @click.option(
     "--board",
     "board_text",
@@ -76,7 +76,7 @@ Example:
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
 def _calibrate(
-    source: Path,
+    source: str,
     board_text: str,
     model: DistortionModel,
     zero: tuple[str, ...],
@@ -96,7 +96,7 @@ def _calibrate(
     """
     import json
 
-    from recorder.files.output_file import check_free, write_output
+    from recorder.files.output_file import check_free, write_together
     from replay.calibration import report as reports
     from replay.calibration.picture import picture
     from replay.calibration.session import calibrate_source
@@ -111,16 +111,15 @@ def _calibrate(
         source, board, lens, most_views=max_views, most_frames=max_frames, name=name
     )
     report = reports.as_dict(session)
-    # The report first: a calibration without one says nothing about itself.
-    write_output(page, reports.as_page(report, picture(session.calibration)).encode(), force=force)
-    try:
-        write_output(output, reports.camera_file(session.calibration, report), force=force)
-    except BaseException:
-        page.unlink(missing_ok=True)
-        raise
+    # A calibration without its report says nothing about itself.
+    files = {
+        page: reports.as_page(report, picture(session.calibration)).encode(),
+        output: reports.camera_file(session.calibration, report),
+    }
+    write_together(files, force=force)
     if as_json:
-        files = {"camera_yaml": str(output), "report": str(page)}
-        click.echo(json.dumps({**files, **report}, indent=2, allow_nan=False))
+        paths = {"camera_yaml": str(output), "report": str(page)}
+        click.echo(json.dumps({**paths, **report}, indent=2, allow_nan=False))
     else:
         click.echo(f"{reports.as_text(report)}\n  {output}, {page}")
     for warning in report["warnings"]:

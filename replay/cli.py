@@ -97,7 +97,7 @@ def replay(
         force=force,
         jobs=jobs,
     )
-    groups = group_parts(logs)
+    groups = group_parts(logs, lambda text: click.echo(f"Warning: {text}", err=True))
     if name is None:
         only = output if output is not None and len(groups) == 1 else None
         name = only.resolve().name if only else result_name(settings_path, options)

@@ -21,7 +21,7 @@ class _Ids(click.ParamType[frozenset[int]]):
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None
     ) -> frozenset[int]:
-        from recorder.prints.ids import parse_ids
+        from recorder.marker_ids import parse_ids
 
         if isinstance(value, frozenset):
             return value
@@ -120,6 +120,9 @@ def survey(
     The camera's calibration is taken as exact. By how much the detector puts edges inside the true
     ones is found from the log itself. Several LOGs of one camera are taken together.
     """
+    if from_s is not None and to_s is not None and to_s <= from_s:
+        raise click.UsageError(f"expected --to after --from, found {to_s} after {from_s}")
+
     import json
 
     from recorder.files.output_file import check_free, write_output
@@ -129,8 +132,6 @@ def survey(
     from replay.survey.results import SurveyOptions
     from replay.survey.sightings import Span
 
-    if from_s is not None and to_s is not None and to_s <= from_s:
-        raise click.UsageError(f"expected --to after --from, found {to_s} after {from_s}")
     if output is not None:
         check_free(output, force=force)
     done = survey_logs(

@@ -1,6 +1,6 @@
 """Records with many processes and kills each at a random moment.
 
-`python -m tests.crash_recorder FOLDER COUNT SEED` leaves `K.mcap`, in `K.frames` the number and the
+`python -m tests.crash_recorder FOLDER COUNT SEED [SPLIT_S]` leaves `K.mcap` or its parts, in `K.frames` the number and the
 time (both 8 bytes, nanoseconds of the monotonic clock) of each frame that the recorder was given,
 and in `K.killed` the time of the kill.
 """
@@ -15,6 +15,7 @@ import sys
 import time
 from pathlib import Path
 
+from recorder.capture.parts import SplitLimit
 from recorder.record import record
 from recorder.sources.base import CapturedFrame
 from tests.live_sources import LiveScript, now_frames
@@ -24,7 +25,7 @@ RATE_HZ = 60.0
 _AT_ONCE = 10
 
 
-def run(path: Path, frames: int | None) -> None:
+def run(path: Path, frames: int | None, split_s: float | None) -> None:
     """Records until it is killed; after `frames` frames nothing comes any more."""
     given = os.open(path.with_suffix(".frames"), os.O_WRONLY | os.O_CREAT)
 
@@ -32,10 +33,11 @@ def run(path: Path, frames: int | None) -> None:
         os.write(given, STAMP.pack(frame.frame_index, time.monotonic_ns()))
 
     source = LiveScript(now_frames(frames, size=20_000), rate_hz=RATE_HZ, on_frame=note, stays=True)
-    record(source, path, session={"git": "-"})
+    split = SplitLimit(seconds=split_s) if split_s is not None else None
+    record(source, path, session={"git": "-"}, split=split)
 
 
-def main(folder: Path, count: int, seed: int) -> None:
+def main(folder: Path, count: int, seed: int, split_s: float | None = None) -> None:
     rng = random.Random(seed)
     for first in range(0, count, _AT_ONCE):
         ends: list[tuple[float, int, Path]] = []
@@ -46,7 +48,7 @@ def main(folder: Path, count: int, seed: int) -> None:
             pid = os.fork()
             if pid == 0:
                 try:
-                    run(path, frames)
+                    run(path, frames, split_s)
                 finally:
                     os._exit(0)
             ends.append((time.monotonic() + rng.uniform(0.4, 2.5), pid, path))
@@ -59,4 +61,4 @@ def main(folder: Path, count: int, seed: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
+    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), *map(float, sys.argv[4:]))

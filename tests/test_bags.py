@@ -24,6 +24,7 @@ from recorder.sources.base import CapturedFrame, Source, SourceEvent
 from recorder.sources.live.settings import CameraSettings
 from recorder.sources.opening import SourceOptions, open_source
 from tests.log_helpers import images, write_log
+from tests.test_log import foreign_log
 from tests.test_sources import encoded, picture
 
 START_NS = 1_700_000_000_123_456_789
@@ -351,6 +352,12 @@ def test_own_logs_are_no_bags(tmp_path: Path) -> None:
     assert open_source(str(tmp_path)).describe()["kind"] == "images"
     (tmp_path / "metadata.yaml").write_text("of: something else")
     assert open_source(str(tmp_path)).describe()["kind"] == "images"
+
+
+def test_an_mcap_of_neither_kind_is_told_what_is_taken(tmp_path: Path) -> None:
+    foreign_log(tmp_path / "a.mcap")
+    with pytest.raises(InputError, match=r"an MCAP of ROS 2 .* is a log: replay it"):
+        open_source(str(tmp_path / "a.mcap"))
 
 
 @pytest.mark.parametrize("name", ["a.bag", "a.mcap", "a.db3", "a/metadata.yaml"])

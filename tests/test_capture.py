@@ -12,11 +12,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import BinaryIO
 
 import pytest
 
+from recorder.capture.disk import DiskGuard
 from recorder.capture.frame_queue import FrameQueue
+from recorder.capture.parts import PartsWriter
 from recorder.errors import InputError
 from recorder.log import log_file
 from recorder.log.event_limit import EventLimiter
@@ -30,6 +33,7 @@ from recorder.sources.base import CapturedFrame, SourceEvent
 from recorder.verify.run import verify
 from tests.live_sources import Item, LiveScript, now_frames
 from tests.log_helpers import frame, images, same_image
+from tests.test_log_broken import SmallDisk
 from tests.test_record import ScriptedSource
 
 
@@ -206,6 +210,15 @@ def test_a_viewer_that_fails_does_not_end_a_recording(tmp_path: Path) -> None:
     assert len(indices_of(path)) == 30
     (event,) = told_of(path)
     assert event.message == "a viewer failed and shows nothing any more: no window"
+
+
+def test_a_viewer_that_would_end_its_thread_does_not_hold_up_a_file(tmp_path: Path) -> None:
+    def leave(item: CapturedFrame) -> None:
+        raise SystemExit
+
+    record(ScriptedSource([frame(i) for i in range(30)]), tmp_path / "log.mcap", sinks=[leave])
+    (event,) = told_of(tmp_path / "log.mcap")
+    assert event.message == "a viewer failed and shows nothing any more: SystemExit"
 
 
 def test_a_viewer_of_a_file_sees_every_frame_and_changes_nothing(tmp_path: Path) -> None:
@@ -393,6 +406,20 @@ def test_signals_end_a_live_recording_whole(tmp_path: Path, number: signal.Signa
     assert len(found) >= 30
 
 
+def test_a_second_interrupt_does_not_cost_the_end_of_the_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    close = PartsWriter.close
+
+    def interrupted(self: PartsWriter) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        close(self)
+
+    monkeypatch.setattr(PartsWriter, "close", interrupted)
+    summary = record(LiveScript(now_frames(5)), tmp_path / "log.mcap")
+    assert summary.ended == end_of(tmp_path / "log.mcap")["ended"] == "complete"
+
+
 def test_an_error_of_a_live_source_keeps_what_was_recorded(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     gone = InputError("http://camera", "expected frames, found no server")
@@ -435,7 +462,8 @@ def test_a_write_error_ends_the_recording_and_leaves_whole_chunks(
     failing = partial(LogWriter, open_raw=lambda path: FailingFile(path, 2_500_000))
     monkeypatch.setattr("recorder.record.LogWriter", failing)
     path = tmp_path / "log.mcap"
-    summary = record(LiveScript(now_frames(100, size=50_000), rate_hz=500), path)
+    source = LiveScript(now_frames(100, size=50_000), rate_hz=500)
+    summary = record(source, path)
     assert summary.ended == "failed"
     assert "found: input/output error" in (ending_text(summary) or "")
     with LogReader(path) as log:
@@ -444,6 +472,9 @@ def test_a_write_error_ends_the_recording_and_leaves_whole_chunks(
     # Two chunks of 1 MiB were written, the third failed.
     assert [image.frame_index for image in found] == list(range(len(found)))
     assert 40 <= len(found) <= 50
+    # The summary counts what is there; one more may have been on its way.
+    assert summary.frames_written == len(found)
+    assert source.given - summary.frames_written - summary.frames_dropped in (0, 1)
 
 
 def test_a_sync_error_ends_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -455,6 +486,59 @@ def test_a_sync_error_ends_the_recording(tmp_path: Path, monkeypatch: pytest.Mon
     assert summary.ended == "failed"
     assert "input/output error" in (summary.problem or "")
     assert summary.frames_written > 50
+
+
+def test_whatever_a_sync_raises_ends_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(number: int) -> None:
+        raise ValueError("no such file")
+
+    monkeypatch.setattr("recorder.log.log_file.fdatasync", fail)
+    path = tmp_path / "log.mcap"
+    # Its last sync fails as well, and the log has its end by then.
+    with pytest.raises(ValueError, match="no such file"):
+        record(LiveScript(now_frames(), rate_hz=100), path, duration_s=20)
+    assert 20 < len(indices_of(path)) < 1000
+
+
+def test_a_sync_that_takes_over_a_second_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("recorder.capture.disk._SLOW_S", 0.1)
+    monkeypatch.setattr("recorder.log.log_file.fdatasync", lambda number: time.sleep(0.2))
+    path = tmp_path / "log.mcap"
+    record(LiveScript(now_frames(3), stays=True), path, duration_s=1.5)
+    texts = [event.message for event in told_of(path)]
+    assert texts
+    assert all(text.startswith("the disk took 0.") for text in texts)
+
+
+def test_the_last_problem_is_on_screen_until_frames_come_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost = SourceEvent(frame(2).timestamp_ns, "error", "connection lost after frame 2: gone")
+    frames = [*now_frames(6)]
+    states: list[Status] = []
+    script: list[Item] = [*frames[:3], SourceEvent(0, "info", "hello"), lost]
+    source = LiveScript(script, stays=True)
+    monkeypatch.setattr("recorder.capture.log_thread._SHOWN_S", 0.0)
+    record(source, tmp_path / "a.mcap", duration_s=0.4, on_status=states.append)
+    assert states[-1].problem is not None
+    assert states[-1].problem.text == lost.message
+    assert status_text(states[-1]).startswith("0 s ago: connection lost after frame 2: gone, drop")
+    source = LiveScript([*script, *frames[3:]])
+    record(source, tmp_path / "b.mcap", on_status=states.append)
+    assert states[-1].problem is None
+    assert status_text(states[-1]).startswith("dropped 0")
+
+
+def test_announced_drops_are_in_the_status_before_the_next_frame(tmp_path: Path) -> None:
+    states: list[Status] = []
+    script: list[Item] = [*now_frames(2), SourceEvent(0, "warning", "4 are lost", dropped=4)]
+    source = LiveScript(script, stays=True)
+    summary = record(source, tmp_path / "a.mcap", duration_s=0.3, on_status=states.append)
+    assert states[-1].counts.dropped == summary.frames_dropped == 4
 
 
 def test_a_frame_for_which_there_was_no_reserve_is_counted(
@@ -622,6 +706,85 @@ def test_a_disk_that_someone_else_fills_ends_a_live_recording_whole(small_disk: 
     assert len(found) == int(end_of(path)["frames_written"]) >= 50
     # One more may have been on its way when nothing was taken any more.
     assert source.given - len(found) - summary.frames_dropped in (0, 1)
+
+
+@pytest.fixture
+def disks(monkeypatch: pytest.MonkeyPatch) -> list[SmallDisk]:
+    """Of logs that are recorded: in memory, 3 MB each, their reserve on the same disk."""
+    made: list[SmallDisk] = []
+
+    def open_raw(path: Path) -> SmallDisk:
+        made.append(SmallDisk(path, 3_000_000))
+        return made[-1]
+
+    ensure, release = LogFile.ensure, LogFile.release
+
+    def ensure_there(self: LogFile, size: int) -> None:
+        ensure(self, size)
+        made[-1].reserved = self._reserved
+
+    def release_there(self: LogFile) -> None:
+        release(self)
+        made[-1].reserved = 0
+
+    monkeypatch.setattr(LogFile, "ensure", ensure_there)
+    monkeypatch.setattr(LogFile, "release", release_there)
+    monkeypatch.setattr("recorder.record.LogWriter", partial(LogWriter, open_raw=open_raw))
+    return made
+
+
+def test_a_full_disk_ends_a_live_recording_whole(tmp_path: Path, disks: list[SmallDisk]) -> None:
+    """As above, on a disk that needs no one's permission."""
+    path = tmp_path / "log.mcap"
+    source = LiveScript(now_frames(size=20_000), rate_hz=200)
+    summary = record(source, path)
+    assert len(disks) == 1
+    assert summary.ended == end_of(path)["ended"] == "disk_full"
+    with LogReader(path) as log:
+        found = images(log)
+        assert log.cut_short is None
+    assert [image.frame_index for image in found] == list(range(len(found)))
+    assert len(found) == int(end_of(path)["frames_written"]) == summary.frames_written > 30
+    assert source.given - len(found) - summary.frames_dropped in (0, 1)
+    assert path.stat().st_size <= 3_000_000
+
+
+def test_a_live_recording_stops_when_little_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "log.mcap"
+
+    def usage(folder: Path) -> SimpleNamespace:
+        taken = path.stat().st_size if path.exists() else 0
+        return SimpleNamespace(free=12_000_000 - taken)
+
+    monkeypatch.setattr("recorder.capture.disk.shutil.disk_usage", usage)
+    source = LiveScript(now_frames(size=50_000), rate_hz=60)
+    summary = record(source, path, min_free_bytes=10_000_000)
+    assert summary.ended == end_of(path)["ended"] == "disk_low"
+    assert indices_of(path) == list(range(summary.frames_written))
+    assert summary.frames_dropped == 0
+    # 2 MB, and what came from one look at the disk to the next, and to the stop.
+    assert 2_000_000 < path.stat().st_size < 8_000_000
+    with pytest.raises(InputError, match=r"expected more than 12\.0 MB of free disk space"):
+        record(source, tmp_path / "next.mcap", min_free_bytes=12_000_000)
+
+
+def test_a_recording_whose_source_has_ended_is_complete_on_a_low_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    low = threading.Event()
+
+    def when_all_is_taken(item: CapturedFrame) -> None:
+        until = time.monotonic() + 10
+        while any(t.name == "source" for t in threading.enumerate()) and time.monotonic() < until:
+            time.sleep(0.01)
+        low.set()
+
+    monkeypatch.setattr(DiskGuard, "is_low", lambda self, written: low.is_set())
+    source = LiveScript(now_frames(3))
+    summary = record(source, tmp_path / "log.mcap", on_written=when_all_is_taken)
+    assert (summary.ended, summary.frames_written) == ("complete", 3)
 
 
 def test_force_keeps_the_old_log_unless_the_new_one_is_better(tmp_path: Path) -> None:

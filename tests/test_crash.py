@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from recorder.log.parts import group_parts, open_log
 from recorder.log.reader import LogReader
 from recorder.record import record
 from recorder.recover import recover
@@ -26,8 +27,9 @@ KILLS = 50
 SECOND_NS = 1_000_000_000
 
 
-def kill_recorders(folder: Path, count: int, seed: int) -> None:
+def kill_recorders(folder: Path, count: int, seed: int, *more: str) -> None:
     command = [sys.executable, "-m", "tests.crash_recorder", str(folder), str(count), str(seed)]
+    command += more
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
 
@@ -64,6 +66,29 @@ def test_fifty_kills_cost_the_last_second_at_most(tmp_path: Path) -> None:
         f"\n{KILLS} kills: at most {max(lost_frames)} frames, {max(lost_ns) / 1e9:.3f} s lost; "
         f"on average {np.mean(lost_frames):.1f} frames, {np.mean(lost_ns) / 1e9:.3f} s"
     )
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="fork")
+def test_kills_while_parts_change_cost_the_last_second_at_most(tmp_path: Path) -> None:
+    kills = 10
+    kill_recorders(tmp_path, kills, 5, "0.03")
+    for k in range(kills):
+        given = list(STAMP.iter_unpack((tmp_path / f"{k}.frames").read_bytes()))
+        _, killed_ns = STAMP.unpack((tmp_path / f"{k}.killed").read_bytes())
+        (parts,) = group_parts(sorted(tmp_path.glob(f"{k}-*.mcap")))
+        assert len(parts) > 3
+        whole = tmp_path / f"saved-{k}"
+        whole.mkdir()
+        saved = [whole / path.name for path in parts]
+        for path, out in zip(parts, saved, strict=True):
+            recover(path, out)
+        with open_log(saved) as log:
+            found = [image.frame_index for image in images(log)]
+        assert found == list(range(len(found)))
+        if len(found) < len(given):
+            assert killed_ns - given[len(found)][1] <= SECOND_NS, f"recording {k}"
+        rules = {v.rule: v.level for v in verify(saved, decode=False).rules}
+        assert {rules[name] for name in ("parts", "checksums", "index", "counts", "gaps")} == {"ok"}
 
 
 def test_a_power_loss_costs_the_last_second_at_most(

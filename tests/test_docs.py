@@ -51,6 +51,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_every_readme_command_runs(site: Path) -> None:
     two = re.search(r"```yaml\n# two\.yaml\n(.*?)```", README, flags=re.S)
     assert two is not None

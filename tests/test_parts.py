@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from mcap.writer import MCAP0_MAGIC
 
 from recorder.capture.parts import SplitLimit
 from recorder.cli import commands
@@ -168,6 +170,37 @@ def test_a_part_that_was_cut_does_not_hide_the_next(tmp_path: Path) -> None:
         assert "drive-002.mcap is cut short" in log.shortfall
     assert found[-1] == 34
     assert set(range(10)) < set(found)
+
+
+@pytest.mark.parametrize("content", [b"", MCAP0_MAGIC[:5], MCAP0_MAGIC])
+def test_a_part_that_was_not_begun_is_left_out(tmp_path: Path, content: bytes) -> None:
+    paths, _ = split_log(tmp_path)
+    unbegun = tmp_path / "drive-005.mcap"
+    unbegun.write_bytes(content)
+    told: list[str] = []
+    assert group_parts([*paths, unbegun], told.append) == [tuple(paths)]
+    assert told == [f"{unbegun}: left out, a part of a recording with nothing in it"]
+    # Alone, or beside other recordings, it is what was asked for.
+    other = tmp_path / "other.mcap"
+    record(ScriptedSource([frame(0)]), other)
+    if len(content) < 8:
+        with pytest.raises(InputError, match="expected an MCAP log"):
+            group_parts([unbegun, other])
+    else:
+        assert group_parts([unbegun, other]) == [(unbegun,), (other,)]
+
+
+def test_a_clock_that_is_set_back_makes_no_part_longer(tmp_path: Path) -> None:
+    hour_ns = 3600 * 10**9
+    later = (
+        replace(f, timestamp_ns=f.timestamp_ns - hour_ns, arrival_ns=f.arrival_ns - hour_ns)
+        if f.frame_index > 5
+        else f
+        for f in now_frames(40)
+    )
+    source = LiveScript(later, rate_hz=100)
+    summary = record(source, tmp_path / "drive.mcap", split=SplitLimit(seconds=0.1))
+    assert len(summary.parts) >= 3
 
 
 def test_parts_are_never_replaced(tmp_path: Path) -> None:

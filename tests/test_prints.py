@@ -18,7 +18,7 @@ from pipeline.geometry import Array
 from pipeline.markers import Marker, MarkerMap, load_dictionary
 from recorder.errors import InputError
 from recorder.files.map_file import map_yaml
-from recorder.prints.ids import parse_ids
+from recorder.marker_ids import parse_ids
 from recorder.prints.paper import PAGES_MM, Cell, Page, lay_out, parse_page
 from recorder.prints.pattern import ink_cells, outlines
 from recorder.prints.sheets import Print, make_sheets, prints_of_map

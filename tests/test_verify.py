@@ -15,6 +15,7 @@ from click.testing import CliRunner, Result
 
 from recorder.capture.parts import SplitLimit
 from recorder.cli import commands
+from recorder.errors import InputError
 from recorder.files.camera_file import camera_yaml
 from recorder.files.map_file import map_yaml
 from recorder.log import messages, topics
@@ -149,6 +150,35 @@ def test_a_flipped_bit_is_named_with_its_place(tmp_path: Path) -> None:
     assert found.level == "failed"
     expected = f"a chunk's checksum is wrong after 15 frames (byte {at}, {size} bytes left out)"
     assert expected in found.text
+
+
+def test_no_flipped_bit_is_ok(tmp_path: Path) -> None:
+    """Wherever it is: also between the chunks, in their indices and in the session."""
+    path = log_of(tmp_path / "log.mcap", count=8)
+    data = path.read_bytes()
+    found = rule(verify([path], decode=False), "checksums")
+    assert found.level == "ok"
+    positions = set(np.random.default_rng(6).integers(8, len(data), 40).tolist())
+    at = 8
+    while (opcode := data[at]) != 0x0F:
+        (length,) = struct.unpack_from("<Q", data, at + 1)
+        if opcode in (0x07, 0x0C):
+            positions.add(at + 9 + length // 2)
+            positions.add(at + 9 + length - 1)
+        at += 9 + length
+    for place in sorted(positions):
+        broken = bytearray(data)
+        broken[place] ^= 4
+        path.write_bytes(broken)
+        try:
+            assert verify([path], decode=False).level == "failed", place
+        except InputError:
+            pass
+    # Logs without this checksum, of other writers and of before, are as good as they were.
+    older = bytearray(data)
+    older[at + 9 : at + 13] = bytes(4)
+    path.write_bytes(older)
+    assert verify([path]).level == "ok"
 
 
 def test_an_index_that_names_other_chunks(tmp_path: Path) -> None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import queue
 import shutil
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from recorder.errors import InputError
@@ -13,6 +14,8 @@ from recorder.quantities import size_text
 
 _LOOK_S = 0.25
 _LOOK_BYTES = 16 << 20
+# A recording promises to lose a second at most.
+_SLOW_S = 1.0
 
 
 class DiskGuard:
@@ -69,11 +72,20 @@ class SyncThread(threading.Thread):
         self._sync = sync
         self._asked = threading.Event()
         self._ending = False
-        self.error: OSError | None = None
+        self._slow: queue.SimpleQueue[float] = queue.SimpleQueue()
+        self.error: Exception | None = None
 
     def ask(self) -> None:
         """Soon, please; asked while it is at work, it does it once more."""
         self._asked.set()
+
+    def slow(self) -> Iterator[str]:
+        """What to say of those that took too long since the last call."""
+        while not self._slow.empty():
+            yield (
+                f"the disk took {self._slow.get():.1f} s to sync: a power loss meanwhile would "
+                "have cost more than the last second"
+            )
 
     def close(self) -> None:
         """Wait until it has ended."""
@@ -88,8 +100,11 @@ class SyncThread(threading.Thread):
             self._asked.clear()
             if self._ending:
                 return
+            begun = time.monotonic()
             try:
                 self._sync()
-            except OSError as error:
+            except Exception as error:
                 self.error = error
                 return
+            if (took_s := time.monotonic() - begun) > _SLOW_S:
+                self._slow.put(took_s)

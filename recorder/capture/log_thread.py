@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from recorder.capture.disk import DiskGuard, SyncThread
 from recorder.capture.frame_queue import FrameQueue
@@ -20,6 +21,16 @@ from recorder.sources.base import CapturedFrame, SourceEvent
 _FLUSH_S = 0.4
 _SYNC_S = 0.5
 _LOOK_S = 0.1
+# How long a problem is shown when frames come again.
+_SHOWN_S = 10.0
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A warning or an error of the recorder or its source, told `age_s` ago."""
+
+    text: str
+    age_s: float
 
 
 class LogThread(threading.Thread):
@@ -53,8 +64,19 @@ class LogThread(threading.Thread):
         self._told: set[SinkThread] = set()
         self._taken = 0
         self._flushed_at = self._synced_at = self._looked_at = time.monotonic()
+        self._framed_at = 0.0
         self.error: BaseException | None = None
         self.disk_is_low = False
+
+    @property
+    def problem(self) -> Problem | None:
+        """The last one, for ten seconds, and for as long as no frame has come after it."""
+        told = self._writer.log.problem
+        if told is None:
+            return None
+        text, told_at = told
+        age_s = time.monotonic() - told_at
+        return Problem(text, age_s) if age_s < _SHOWN_S or self._framed_at <= told_at else None
 
     def run(self) -> None:
         try:
@@ -80,6 +102,7 @@ class LogThread(threading.Thread):
         if self._sync is not None and not self._writer.log.has_open_chunk:
             self._flushed_at = time.monotonic()
         self._writer.write_frame(item)
+        self._framed_at = time.monotonic()
         if self._on_written is not None:
             self._on_written(item)
         for sink in self._sinks:
@@ -98,6 +121,9 @@ class LogThread(threading.Thread):
                 self._synced_at = now
             if self._sync.error is not None:
                 raise self._sync.error
+            for text in self._sync.slow():
+                timestamp_ns, arrival_ns = self._writer.log.last_stamps
+                self._writer.log.write_event(timestamp_ns, "warning", text, arrival_ns=arrival_ns)
         if now - self._looked_at < _LOOK_S:
             return
         self._looked_at = now

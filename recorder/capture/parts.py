@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import threading
+import time
 import uuid
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -62,6 +63,7 @@ class PartsWriter:
         limit: SplitLimit | None = None,
         recording: str = "",
         display_dropped: Callable[[], int] = lambda: 0,
+        live: bool = False,
     ) -> None:
         """Opens the first log.
 
@@ -71,6 +73,7 @@ class PartsWriter:
                 and the part before it.
             recording: what all parts have in common, and no other recording has.
             display_dropped: frames that were not shown so far.
+            live: a duration is one of the clock, which nobody sets; else of the frames' own times.
 
         Raises:
             InputError: a log cannot be made.
@@ -80,6 +83,7 @@ class PartsWriter:
         self._limit = limit
         self._recording = recording
         self._display_dropped = display_dropped
+        self._live = live
         self._shown_missing = 0
         self._earlier = FrameCounts()
         self._earlier_bytes = 0
@@ -120,7 +124,7 @@ class PartsWriter:
         if self._start_ns is None:
             self._start_ns = frame.timestamp_ns
         if self._part_start_ns is None:
-            self._part_start_ns = frame.arrival_ns
+            self._part_start_ns = self._time_ns(frame)
 
     def sync(self) -> None:
         """As `LogWriter.sync`, from any thread."""
@@ -150,8 +154,11 @@ class PartsWriter:
             return False
         if limit.bytes is not None:
             return self._log.bytes_ahead + len(frame.data) + 1024 > limit.bytes
-        passed_ns = frame.arrival_ns - self._part_start_ns
+        passed_ns = self._time_ns(frame) - self._part_start_ns
         return limit.seconds is not None and passed_ns >= limit.seconds * 1e9
+
+    def _time_ns(self, frame: CapturedFrame) -> int:
+        return time.monotonic_ns() if self._live else frame.arrival_ns
 
     def _next(self) -> None:
         full = self._log

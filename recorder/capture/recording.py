@@ -9,12 +9,12 @@ from typing import Literal
 
 from recorder.capture.disk import DiskGuard, SyncThread
 from recorder.capture.frame_queue import FrameQueue
-from recorder.capture.log_thread import LogThread
+from recorder.capture.log_thread import LogThread, Problem
 from recorder.capture.notes import Notes
 from recorder.capture.parts import PartsWriter
 from recorder.capture.sink_thread import FrameSink, SinkThread
 from recorder.capture.source_thread import SourceThread, is_live
-from recorder.interrupts import StopRequest, stop_requests
+from recorder.interrupts import StopRequest
 from recorder.log.counts import FrameCounts
 from recorder.log.writer import DiskFullError
 from recorder.sources.base import CapturedFrame, LiveSource, Source
@@ -35,6 +35,7 @@ class Status:
         display_dropped: frames that viewers missed.
         queued_frames: frames that wait to be written; `queued_bytes` are theirs.
         free_bytes: on the disk.
+        problem: what went wrong last, while it may still matter.
     """
 
     counts: FrameCounts
@@ -43,6 +44,7 @@ class Status:
     queued_bytes: int
     bytes_written: int
     free_bytes: int
+    problem: Problem | None = None
 
 
 class Recording:
@@ -77,9 +79,10 @@ class Recording:
         self,
         writer: PartsWriter,
         guard: DiskGuard,
+        request: StopRequest,
         on_status: Callable[[Status], None] | None = None,
     ) -> tuple[Stop, BaseException | None]:
-        """Records until the end; `writer` is left open.
+        """Records until the end, or until `request` is made; `writer` is left open.
 
         Returns:
             Why it ended; for `failed` the error.
@@ -94,31 +97,33 @@ class Recording:
             notes=self._notes,
             on_written=self._on_written,
         )
-        with stop_requests() as request:
-            source = SourceThread(
-                self._source,
-                self._queue,
-                should_stop=lambda: self._stopping or request.made,
-                duration_s=self._duration_s,
-            )
-            for thread in (sync, *self._sinks, log, source):
-                if thread is not None:
-                    thread.start()
-            try:
-                stop = self._watch(
-                    request, source, log, lambda: self._tell(writer, guard, on_status)
-                )
-            finally:
-                # Also when the status cannot be shown: whoever closes the log is alone with it.
-                self._stopping = True
-                source.stop()
-                self._queue.close()
-                for sink in self._sinks:
-                    sink.close(_STOP_S)
-                log.join()
-                if sync is not None:
-                    sync.close()
-            self._tell(writer, guard, on_status)
+        source = SourceThread(
+            self._source,
+            self._queue,
+            should_stop=lambda: self._stopping or request.made,
+            duration_s=self._duration_s,
+        )
+
+        def tell() -> None:
+            if on_status is not None:
+                on_status(self._status(writer, guard, log))
+
+        for thread in (sync, *self._sinks, log, source):
+            if thread is not None:
+                thread.start()
+        try:
+            stop = self._watch(request, source, log, tell)
+        finally:
+            # Also when the status cannot be shown: whoever closes the log is alone with it.
+            self._stopping = True
+            source.stop()
+            self._queue.close()
+            for sink in self._sinks:
+                sink.close(_STOP_S)
+            log.join()
+            if sync is not None:
+                sync.close()
+        tell()
         if log.error is not None:
             return ("disk_full", None) if _is_full(log.error) else ("failed", log.error)
         if isinstance(source.error, KeyboardInterrupt):
@@ -134,7 +139,8 @@ class Recording:
             log.join(_LOOK_S)
             if stop is None and request.made:
                 stop = "interrupted"
-            elif stop is None and log.disk_is_low:
+            elif stop is None and log.disk_is_low and log.is_alive() and source.is_alive():
+                # Of a source that has ended everything is written.
                 stop = "disk_low"
             elif stop is None and source.is_over_time():
                 stop = "complete"
@@ -153,21 +159,16 @@ class Recording:
                     sink.close(0)
             tell()
 
-    def _tell(
-        self, writer: PartsWriter, guard: DiskGuard, on_status: Callable[[Status], None] | None
-    ) -> None:
-        if on_status is None:
-            return
-        counts = writer.counts + FrameCounts(dropped=self._queue.lost_frames)
-        on_status(
-            Status(
-                counts=counts,
-                display_dropped=self.display_dropped,
-                queued_frames=self._queue.frames,
-                queued_bytes=self._queue.bytes,
-                bytes_written=writer.bytes_written,
-                free_bytes=guard.free_bytes,
-            )
+    def _status(self, writer: PartsWriter, guard: DiskGuard, log: LogThread) -> Status:
+        untold = self._queue.lost_frames + writer.log.announced_dropped
+        return Status(
+            counts=writer.counts + FrameCounts(dropped=untold),
+            display_dropped=self.display_dropped,
+            queued_frames=self._queue.frames,
+            queued_bytes=self._queue.bytes,
+            bytes_written=writer.bytes_written,
+            free_bytes=guard.free_bytes,
+            problem=log.problem,
         )
 
 

@@ -29,7 +29,7 @@ class SinkThread(threading.Thread):
         self._closed = False
         self._changed = threading.Condition()
         self._dropped = 0
-        self.error: Exception | None = None
+        self.error: BaseException | None = None
 
     @property
     def dropped(self) -> int:
@@ -71,7 +71,7 @@ class SinkThread(threading.Thread):
                 return
             try:
                 self._sink(frame)
-            except Exception as error:
+            except BaseException as error:
                 with self._changed:
                     self.error = error
                     self._changed.notify_all()

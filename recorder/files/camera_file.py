@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import yaml
 from pydantic import BeforeValidator, Field
 
 from pipeline.camera import Camera
 from recorder.errors import InputError
-from recorder.files.yaml_file import FileModel, parse_yaml, validate
+from recorder.files.yaml_file import FileModel, inline_yaml, parse_yaml, validate
 
 
 def _number_as_text(value: object) -> object:
@@ -99,7 +98,7 @@ def parse_camera(data: bytes, path: Path) -> Camera:
 def camera_yaml(camera: Camera) -> bytes:
     """A camera.yaml that `parse_camera` reads back, number for number."""
     k = camera.camera_matrix
-    content = {
+    content: dict[str, Any] = {
         "image_width": camera.width_px,
         "image_height": camera.height_px,
         "camera_name": camera.name,
@@ -109,8 +108,13 @@ def camera_yaml(camera: Camera) -> bytes:
         "rectification_matrix": _matrix(np.eye(3)),
         "projection_matrix": _matrix(np.hstack([k, np.zeros((3, 1))])),
     }
-    text: str = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=1000)
-    return text.encode()
+    lines = []
+    for key, value in content.items():
+        if isinstance(value, dict):
+            lines += [f"{key}:", *(f"  {inner}: {inline_yaml(v)}" for inner, v in value.items())]
+        else:
+            lines.append(f"{key}: {inline_yaml(value)}")
+    return ("\n".join(lines) + "\n").encode()
 
 
 def _matrix(values: np.typing.NDArray[np.float64]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 from recorder.errors import InputError
@@ -38,10 +39,45 @@ def write_whole(path: Path, data: bytes) -> None:
     Raises:
         OSError: the file cannot be written; nothing else is left of it.
     """
-    # Of its own for each process: two that write the same file do not write into each other's.
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    temporary = _temporary(path)
     try:
         temporary.write_bytes(data)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_together(files: Mapping[Path, bytes], *, force: bool) -> None:
+    """Files that say something only together: all of them, or what was there before.
+
+    Raises:
+        InputError: as `check_free`.
+        OSError: one of them cannot be written.
+    """
+    for path in files:
+        check_free(path, force=force)
+    temporaries = {path: _temporary(path) for path in files}
+    replaced: dict[Path, bytes | None] = {}
+    try:
+        # A full disk shows before anything is replaced.
+        for path, data in files.items():
+            temporaries[path].write_bytes(data)
+        for path, temporary in temporaries.items():
+            earlier = path.read_bytes() if path.exists() else None
+            temporary.replace(path)
+            replaced[path] = earlier
+    except BaseException:
+        for path, earlier in replaced.items():
+            if earlier is None:
+                path.unlink()
+            else:
+                write_whole(path, earlier)
+        raise
+    finally:
+        for temporary in temporaries.values():
+            temporary.unlink(missing_ok=True)
+
+
+def _temporary(path: Path) -> Path:
+    """Of its own for each process: two that write the same file do not write into each other's."""
+    return path.with_name(f".{path.name}.{os.getpid()}.part")

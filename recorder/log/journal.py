@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +14,13 @@ from recorder.sources.base import CapturedFrame
 
 
 class FrameJournal:
-    """Judges the frames of one recording through all its parts; each part has its own counts."""
+    """Judges the frames of one recording through all its parts; each part has its own counts.
+
+    Attributes:
+        announced: frames known to be lost that no count has yet.
+        problem: the last warning or error that is not about one frame, and when it was told, in
+            seconds of the monotonic clock.
+    """
 
     def __init__(self, *, live: bool, calibrated_size: tuple[int, int] | None) -> None:
         """`live`: frames come once; `calibrated_size`: width and height, where they are known."""
@@ -22,7 +29,8 @@ class FrameJournal:
         self._sized_by = "the calibration" if calibrated_size else "the frames before"
         self._checks = FrameChecks(live=live)
         self._limiter = EventLimiter()
-        self._announced_dropped = 0
+        self.announced = 0
+        self.problem: tuple[str, float] | None = None
         self.last_stamps = (0, 0)
 
     def check(self, frame: CapturedFrame, path: Path) -> str | None:
@@ -61,8 +69,7 @@ class FrameJournal:
         """Counts what is unusual about a frame before it is written; gives the texts for it."""
         index, arrival_ns = frame.frame_index, frame.arrival_ns
         verdict = self._checks.add(index, frame.timestamp_ns, arrival_ns)
-        announced = self._announced_dropped
-        self._announced_dropped = 0
+        announced, self.announced = self.announced, 0
         self.last_stamps = (frame.timestamp_ns, arrival_ns)
         counts.dropped += max(verdict.gap, announced)
         if verdict.gap > announced:
@@ -84,7 +91,11 @@ class FrameJournal:
 
     def announce(self, dropped: int) -> None:
         """Frames that are known to be lost, before a gap shows them or instead of one."""
-        self._announced_dropped += dropped
+        self.announced += dropped
+
+    def report(self, text: str) -> None:
+        """Keep a warning or error for those who watch."""
+        self.problem = (text, time.monotonic())
 
     def admit(self, arrival_ns: int, text: str) -> Iterator[str]:
         """What to write of this: the text, unless there were too many of its kind just now."""
@@ -100,6 +111,6 @@ class FrameJournal:
         `goes_on`: in a next part, whose first frame's number says what was lost before it.
         """
         if not goes_on:
-            counts.dropped += self._announced_dropped
-            self._announced_dropped = 0
+            counts.dropped += self.announced
+            self.announced = 0
         yield from self._limiter.rest()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,12 +39,14 @@ class McapOutput:
             self._file,  # type: ignore[arg-type]  # it asks for write, tell and flush
             chunk_size=_CHUNK_BYTES,
             compression=CompressionType.NONE,
+            enable_data_crcs=True,
         )
         self._channels: dict[str, int] = {}
         self._copied: dict[int, int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._summary_bytes = _SUMMARY_BYTES
         self._pending_bytes = 0
+        self._pending: Counter[str] = Counter()
         self._chunks = 0
         self._chunk_start_ns: int | None = None
         self._broken = False
@@ -68,6 +71,10 @@ class McapOutput:
     def has_open_chunk(self) -> bool:
         """There are messages that are not in the file yet."""
         return self._chunk_start_ns is not None
+
+    def open_messages(self, topic: str) -> int:
+        """Messages that are not in the file yet or, once it is closed, could not be put there."""
+        return self._pending[topic]
 
     def flush(self) -> None:
         """Close the open chunk."""
@@ -109,7 +116,7 @@ class McapOutput:
             self._summary_bytes += 4096
             self._channels[topic] = self._writer.register_channel(topic, "protobuf", schema_id)
         data = message.SerializeToString()
-        self._add(self._channels[topic], data, log_time, publish_time, sequence)
+        self._add(topic, self._channels[topic], data, log_time, publish_time, sequence)
 
     def copy(self, schema: Schema | None, channel: Channel, message: Message) -> None:
         """A message of another file as it is."""
@@ -119,7 +126,7 @@ class McapOutput:
                 channel.topic, channel.message_encoding, schema_id, channel.metadata
             )
         stamps = (message.log_time, message.publish_time, message.sequence)
-        self._add(self._copied[channel.id], message.data, *stamps)
+        self._add(channel.topic, self._copied[channel.id], message.data, *stamps)
 
     def finish(self, name: str, values: Mapping[str, str]) -> None:
         """A last metadata record, index and footer.
@@ -132,6 +139,7 @@ class McapOutput:
             return
         try:
             self._writer.flush()  # type: ignore[no-untyped-call]
+            self._pending.clear()
             self._writer.add_metadata(name, dict(values))
             self._writer.finish()  # type: ignore[no-untyped-call]
         except DiskFullError:
@@ -141,7 +149,13 @@ class McapOutput:
         self._file.close()
 
     def _add(
-        self, channel_id: int, data: bytes, log_time: int, publish_time: int, sequence: int
+        self,
+        topic: str,
+        channel_id: int,
+        data: bytes,
+        log_time: int,
+        publish_time: int,
+        sequence: int,
     ) -> None:
         start_ns = self._chunk_start_ns
         # A clock that was set back closes it as well.
@@ -154,6 +168,7 @@ class McapOutput:
         with self._whole():
             self._writer.add_message(channel_id, log_time, data, publish_time, sequence)
         self._pending_bytes += len(data) + _MESSAGE_BYTES
+        self._pending[topic] += 1
         if self._file.tell() != before:
             self._chunk_closed()
 
@@ -166,6 +181,8 @@ class McapOutput:
         self._chunks += 1
         self._pending_bytes = 0
         self._chunk_start_ns = None
+        if not self._broken:
+            self._pending.clear()
 
     def _copy_schema(self, schema: Schema) -> int:
         key = (schema.name, schema.encoding, schema.data)

@@ -41,6 +41,7 @@ _HEAD = RECORD_HEAD
 _END_SIZES = {int(Opcode.DATA_END): 4, int(Opcode.FOOTER): 20}
 # Opcodes from here on are for anyone's own records; below, the specification has no others.
 _PRIVATE = 0x80
+_BLOCK = 1 << 20
 _FOOTER_SIZE = _HEAD.size + 20 + len(MCAP0_MAGIC)
 # What a damaged or cut record can do to mcap's parsers.
 _DAMAGE = (McapError, ValueError, struct.error, EOFError, MemoryError, RuntimeError)
@@ -170,6 +171,26 @@ def index_problem(file: BinaryIO) -> str | None:
         file.seek(at + _HEAD.size + length)
     if found != len(indexed):
         return f"{len(indexed) - found} chunks that are not there"
+    return None
+
+
+def checksum_problem(file: BinaryIO) -> str | None:
+    """What the checksum of all data says of a file that could be read to its end, in words.
+
+    None where all is as it was written, or where nobody wrote a checksum.
+    """
+    file.seek(0)
+    crc = zlib.crc32(file.read(len(MCAP0_MAGIC)))
+    while len(head := file.read(_HEAD.size)) == _HEAD.size:
+        opcode, length = _HEAD.unpack(head)
+        if opcode == Opcode.DATA_END:
+            (said,) = struct.unpack("<I", file.read(4))
+            wrong = said not in (0, crc)
+            return "the data's checksum is wrong: a bit flipped outside the images" if wrong else None
+        crc = zlib.crc32(head, crc)
+        while length and (block := file.read(min(length, _BLOCK))):
+            crc = zlib.crc32(block, crc)
+            length -= len(block)
     return None
 
 

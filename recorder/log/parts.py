@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from mcap.records import Channel, Message, Schema
+from mcap.writer import MCAP0_MAGIC
 
 from recorder.errors import InputError
 from recorder.log import topics
@@ -25,14 +26,24 @@ def whole_path(part: Path) -> Path:
     return part.with_name(f"{stem}{part.suffix}") if stem and number.isdecimal() else part
 
 
-def group_parts(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
+def group_parts(
+    paths: Sequence[Path], warn: Callable[[str], None] | None = None
+) -> list[tuple[Path, ...]]:
     """Parts of one recording together, in their order; other logs alone, where they were given.
+
+    Args:
+        warn: told of a part that is left out as nothing is in it: a recorder that is killed while
+            it begins one leaves it so.
 
     Raises:
         InputError: not a log, or a part that is given twice.
     """
     groups: dict[str, dict[int, Path]] = {}
     for position, path in enumerate(paths):
+        if _is_unbegun(path) and any(o != path and whole_path(o) == whole_path(path) for o in paths):
+            if warn is not None:
+                warn(f"{path}: left out, a part of a recording with nothing in it")
+            continue
         session = LogReader(path).metadata.get(topics.SESSION, {})
         part = session.get(topics.PART, "")
         if not session.get(topics.RECORDING) or not part.isdecimal():
@@ -44,6 +55,16 @@ def group_parts(paths: Sequence[Path]) -> list[tuple[Path, ...]]:
             raise InputError(path, f"expected each part once, found part {part} in {other} too")
         group[int(part)] = path
     return [tuple(group[part] for part in sorted(group)) for group in groups.values()]
+
+
+def _is_unbegun(path: Path) -> bool:
+    """Whether a file with the name of a part was cut before its session was written."""
+    if whole_path(path) == path or not path.is_file():
+        return False
+    if path.stat().st_size < len(MCAP0_MAGIC):
+        return True
+    log = LogReader(path)
+    return topics.SESSION not in log.metadata and log.start_ns is None and not log.image_count()
 
 
 def open_log(paths: Sequence[Path]) -> LogReader:

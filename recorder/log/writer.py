@@ -19,7 +19,7 @@ from recorder.log.derived import DueTruth, Known, static_messages
 from recorder.log.journal import FrameJournal
 from recorder.log.log_file import DiskFullError, RawFile, sync_folder
 from recorder.log.mcap_output import McapOutput
-from recorder.log.part_file import open_target, target_of
+from recorder.log.target import open_target, target_of
 from recorder.sources.base import CapturedFrame
 
 __all__ = ["DiskFullError", "LogWriter"]
@@ -136,6 +136,16 @@ class LogWriter:
         """Capture and arrival of the last frame of the recording; 0 where there was none."""
         return self._journal.last_stamps
 
+    @property
+    def announced_dropped(self) -> int:
+        """Frames known to be lost that are not in `counts` yet."""
+        return self._journal.announced
+
+    @property
+    def problem(self) -> tuple[str, float] | None:
+        """See `FrameJournal.problem`."""
+        return self._journal.problem
+
     def flush(self) -> None:
         """Hand all frames so far to the system: a process that is killed no longer loses them."""
         with uninterrupted():
@@ -196,6 +206,8 @@ class LogWriter:
         arrival_ns = timestamp_ns if arrival_ns is None else arrival_ns
         with uninterrupted():
             limited = name == RECORDER and level in ("warning", "error")
+            if limited:
+                self._journal.report(message)
             for text in self._journal.admit(arrival_ns, message) if limited else (message,):
                 self._event(timestamp_ns, arrival_ns, level, text, name)
             self._journal.announce(dropped)
@@ -256,6 +268,10 @@ class LogWriter:
                         self._output.sync()
                     whole = not ending.failed(self._end.get("ended", ending.COMPLETE))
             finally:
+                # What a failed write took with it was counted when it came.
+                lost = self._output.open_messages(topics.IMAGE)
+                self.counts.written -= lost
+                self.counts.dropped += lost
                 ours = self.is_in_place
                 self._output.close()
                 if self._discarded:

@@ -82,6 +82,10 @@ def export_csv(marker_map: MarkerMap) -> ExportedMap:
 def _header(row: list[str], path: Path) -> list[str]:
     header = [name.strip() for name in row]
     unknown = [name for name in header if name not in _COLUMNS]
+    for sign, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and sign in row[0]:
+            problem = f"expected commas between columns and points in numbers, found {name}"
+            raise InputError(path, problem, "header")
     if unknown or "marker_id" not in header or len(set(header)) != len(header):
         raise InputError(
             path,

@@ -23,11 +23,7 @@ _INK = "#202020"
 _FAINT = "#9a9a9a"
 _GREY = "#707070"
 
-_SEEN = {
-    "top": "from above: those facing down show their back",
-    "front": "along y",
-    "side": "against x",
-}
+_SEEN = {"top": "from above", "front": "along y", "side": "against x"}
 
 
 def draw_grid(axes: Axes, right: str, up: str, mm_per_m: float) -> None:
@@ -67,10 +63,12 @@ def draw_foot(
     width, height = page_mm[0], page_mm[1] + FOOT_MM
     sizes = sorted({round(marker.size_m, 4) for marker in marker_map.markers})
     side = f"{sizes[0]:g}" if len(sizes) == 1 else f"{sizes[0]:g} to {sizes[-1]:g}"
+    facing = {direction_text(m.normal) for m in marker_map.markers}
+    backs = ": those facing down show their back" if view == "top" and "down" in facing else ""
     lines = [
         f"{title + ': ' if title else ''}{len(marker_map.markers)} markers of {side} m, "
         f"{marker_map.dictionary}, frame {marker_map.frame}",
-        f"1 : {scale}, seen {_SEEN[view]}",
+        f"1 : {scale}, seen {_SEEN[view]}{backs}",
         "arrow: up in the print (edge-on: out of the face); dot: its top left corner"
         + (f"; circle: {factor:g} std_m" if any(m.std_m for m in marker_map.markers) else ""),
     ]
@@ -91,7 +89,6 @@ def draw_foot(
     axes.text(6 + bar + 3.5, y + 1.6, "m", fontsize=7, ha="left")
     x = 6 + bar + 14
     for name, colour in (*COLOURS.items(), ("sideways", WALL_COLOUR)):
-        facing = {direction_text(m.normal) for m in marker_map.markers}
         if name in facing or (colour == WALL_COLOUR and facing - set(COLOURS)):
             axes.barh(y, 2.6, 2.6, left=x, color=(*rgb(colour), 0.13), edgecolor=colour, lw=0.9)
             axes.text(x + 3.8, y, f"faces {name}", fontsize=7, va="center_baseline")

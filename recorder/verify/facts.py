@@ -17,7 +17,7 @@ from recorder.log import topics
 from recorder.log.counts import said_counts
 from recorder.log.damage import Damage
 from recorder.log.frame_checks import image_fault, image_size
-from recorder.log.mcap_records import index_problem
+from recorder.log.mcap_records import checksum_problem, index_problem
 from recorder.log.parts import open_log, part_number
 from recorder.log.reader import ExactPose, LogEvent, LogImage, LogReader
 from recorder.verify.decoding import flaw
@@ -30,6 +30,7 @@ class PartFacts:
     """One file.
 
     Attributes:
+        checksum: what is wrong where no damage was found, in words.
         index: what is wrong with its index of chunks, in words.
         indexed_images: images that its statistics count; None where it has none.
         end: its `session_end`; None without one.
@@ -40,6 +41,7 @@ class PartFacts:
     number: int
     cut_short: str | None
     damage: tuple[Damage, ...]
+    checksum: str | None
     index: str | None
     indexed_images: int | None
     end: dict[str, str] | None
@@ -169,11 +171,14 @@ def _read(
     end = reader.metadata.get(topics.SESSION_END)
     with path.open("rb") as file:
         index = index_problem(file)
+        whole = not (reader.damage or reader.cut_short)
+        checksum = checksum_problem(file) if whole else None
     return PartFacts(
         path=path,
         number=part_number(reader),
         cut_short=reader.cut_short,
         damage=reader.damage,
+        checksum=checksum,
         index=index,
         indexed_images=reader.image_count(),
         end=None if end is None else dict(end),

@@ -34,12 +34,14 @@ def parts(facts: Facts) -> Verdict:
 
 
 def checksums(facts: Facts) -> Verdict:
-    """Every chunk and attachment is as it was written."""
+    """Every chunk and attachment, and what is between them, is as it was written."""
     for part in facts.parts:
         if part.damage:
             more = f", and {len(part.damage) - 1} more" if len(part.damage) > 1 else ""
             return failed("checksums", f"{part.path.name}: {part.damage[0]}{more}")
-    return ok("checksums", "chunks and attachments are as they were written")
+        if part.checksum is not None:
+            return failed("checksums", f"{part.path.name}: {part.checksum}")
+    return ok("checksums", "all is as it was written")
 
 
 def index(facts: Facts) -> Verdict:

@@ -17,6 +17,7 @@ from recorder.errors import InputError
 from recorder.log.reader import LogImage, LogReader
 from recorder.sources.base import CapturedFrame
 from recorder.sources.images import ImagesSource
+from recorder.sources.live.http_mjpeg import without_password
 from recorder.sources.opening import SourceOptions, open_source
 from replay.stages import decode
 
@@ -41,18 +42,19 @@ class Frames:
             short.
     """
 
-    def __init__(self, source: Path, most: int) -> None:
+    def __init__(self, source: str | Path, most: int) -> None:
         """Counts the images.
 
         Raises:
             InputError: no log, folder or video, or nothing in it.
         """
-        self.source = source
-        self.warning: str | None = None
         text = str(source)
-        if text.startswith("/dev/") or re.match(r"[a-z]+:/", text):
+        self.source = source = Path(source)
+        self.warning: str | None = None
+        if text.startswith("/dev/") or re.match(r"[a-z]+://", text):
             raise InputError(
-                text, "expected a log, a folder of images or a video; record a live camera first"
+                without_password(text),
+                "expected a log, a folder of images or a video; record a live camera first",
             )
         if not source.exists():
             raise InputError(

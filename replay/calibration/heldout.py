@@ -18,8 +18,9 @@ FOLDS = 10
 # From the fit to all views the one to most of them is near.
 _MOST_STEPS = 30
 HOW = (
-    "the views in {folds} parts; each part's views are projected by the lens fitted to the other "
-    "parts, after fitting only the board's pose to their own corners"
+    "the views used, without those set aside because they do not fit, in {folds} parts; each "
+    "part's views are projected by the lens fitted to the other parts, after fitting only the "
+    "board's pose to their own corners"
 )
 
 # Lenses of fewer parameters within each model, by the coefficients that they leave at zero.

@@ -36,7 +36,7 @@ class Session:
 
 
 def calibrate_source(
-    source: Path,
+    source: str | Path,
     board: Board,
     lens: Lens,
     *,
@@ -54,6 +54,7 @@ def calibrate_source(
         InputError: no such source, or fewer than ten usable views; says what is missing.
     """
     frames = Frames(source, most_frames)
+    source = frames.source
     notes = []
     if isinstance(board, Charuco) and board.layout is None:
         looked_through = tqdm(

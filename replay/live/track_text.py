@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from recorder.record_text import problem_text
+
 if TYPE_CHECKING:
     from replay.live.track import TrackStatus
 
@@ -12,7 +14,8 @@ if TYPE_CHECKING:
 def status_text(status: TrackStatus) -> str:
     """One line, beside the number of frames and their rate."""
     now, counts = status.situation, status.recording.counts
-    parts = [now.status, f"{now.n_used} markers"]
+    parts = problem_text(status.recording)
+    parts += [now.status, f"{now.n_used} markers"]
     if math.isfinite(now.x_m):
         parts.append(f"x {now.x_m:.3f} y {now.y_m:.3f} m")
     if math.isfinite(now.yaw_rad):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -30,8 +31,9 @@ _EDGES: dict[CornerRefinement, EdgePrior] = {
 @dataclass(frozen=True, eq=False)
 class SurveyedLogs:
     """Attributes:
-    sources: SHA-256 by the name of each file that went in, the map last.
-    cut_short: why a log ends before its end, by the name of the log.
+    sources: SHA-256 by the name of each file that went in, the map last; by its path where
+        another has the same name.
+    cut_short: why a log ends before its end, by the same names.
     """
 
     survey: Survey
@@ -63,7 +65,9 @@ def survey_logs(
     sightings: list[Sighting] = []
     sources: dict[str, str] = {}
     cut_short: dict[str, str] = {}
+    named = Counter(log.name for log in logs)
     for number, log in enumerate(logs):
+        label = log.name if named[log.name] == 1 else str(log)
         with LogReader(log) as reader:
             if inputs is None or sighter is None:
                 inputs = gather(reader, Overrides(camera, marker_map))
@@ -84,9 +88,9 @@ def survey_logs(
                 sighter,
                 span,
             )
-            sources[log.name] = reader.sha256()
+            sources[label] = reader.sha256()
             if reader.shortfall:
-                cut_short[log.name] = reader.shortfall
+                cut_short[label] = reader.shortfall
     if inputs is None or sighter is None:
         raise ValueError("expected a log, found none")
     name = marker_map.name if marker_map else f"map.yaml of {logs[0].name}"

@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.geometry import Pose
 from pipeline.markers import Marker
 from recorder.files.map_file import map_yaml
-from replay.survey.results import Survey, SurveyedMarker
+from replay.survey.results import IMPLAUSIBLE_SIGMAS, Survey, SurveyedMarker
 from replay.survey.sightings import FrameCount
 
 _HEADER = (
@@ -77,19 +77,19 @@ def warnings(survey: Survey) -> list[str]:
     lines = []
     if survey.unseen:
         lines.append(f"not seen beside another marker, left as measured: {listed(survey.unseen)}")
-    disowned, fixed = set(survey.disowned), survey.options.fix
-    if disowned - fixed:
+    fixed = survey.options.fix
+    if disowned := set(survey.disowned) - fixed:
         lines.append(
             "seen, but the corners fit nowhere (another size? moved in between? two of it?), left "
-            f"as measured: {listed(disowned - fixed)}"
+            f"as measured: {listed(disowned)}"
         )
-    if disowned & fixed:
+    if survey.contradicted:
         lines.append(
-            "fixed, but not where the images have it beside the others that are fixed, so that "
-            f"nothing is tied to it: {listed(disowned & fixed)}. One of all these is not where it "
-            "was measured: fix those only that are sure"
+            "fixed, but not where the images have it beside the others that are fixed: "
+            f"{listed(survey.contradicted)}. The refined map is bent between them, by more than its "
+            "std_m: one of all these is not where it was measured, fix those only that are sure"
         )
-    if missed := fixed & set(survey.unseen):
+    if missed := fixed & {*survey.unseen, *survey.disowned}:
         lines.append(
             f"fixed, but of no use here, so that nothing is tied to them: {listed(missed)}"
         )
@@ -102,8 +102,8 @@ def warnings(survey: Survey) -> list[str]:
     again = [marker.id for marker in survey.markers if marker.implausible]
     if again:
         lines.append(
-            "shifted by more than 3 standard deviations of the hand measurement, measure again: "
-            f"{listed(again)}"
+            f"shifted by more than {IMPLAUSIBLE_SIGMAS:g} standard deviations of the hand "
+            f"measurement, measure again: {listed(again)}"
         )
     if len(again) > _MANY * sum(not marker.fixed for marker in survey.markers):
         lines.append(
@@ -157,6 +157,7 @@ def survey_json(survey: Survey, count: FrameCount, sources: Mapping[str, str]) -
         "loss": survey.options.loss,
         "unseen": list(survey.unseen),
         "disowned": list(survey.disowned),
+        "contradicted": list(survey.contradicted),
         "groups": [list(group) for group in survey.groups],
         "warnings": warnings(survey),
         "markers": [_marker_json(marker) for marker in survey.markers],
@@ -200,10 +201,12 @@ def refined_yaml(survey: Survey, sources: Mapping[str, str]) -> bytes:
         f"{options.std_deg:g} deg",
         f"{survey.frames} frames; corners fit to {survey.rms_after_px:.2f} px rms, before "
         f"{survey.rms_before_px:.2f} px",
-        f"held as they were: {fixed or 'none'}",
+        f"held as they were: {fixed or 'none'}"
+        + (f"; the images contradict {listed(survey.contradicted)}" if survey.contradicted else ""),
         f"not seen, as they were: {listed((*survey.unseen, *survey.disowned)) or 'none'}",
         "std_m of the others: standard deviation of each coordinate"
         + (", relative to what was held" if fixed else ""),
+        "the camera's calibration is taken as exact: its errors are not in std_m",
     ]
     markers = {m.id for m in survey.markers if not m.fixed}
     written = tuple(_rounded(m) if m.id in markers else m for m in survey.refined.markers)

@@ -11,7 +11,9 @@ from pipeline.markers import Marker, MarkerMap
 from replay.survey.problem import ANY_EDGES, EdgePrior, Prior
 from replay.survey.solve import Loss
 
-_IMPLAUSIBLE_SIGMAS = 3.0
+# Each marker has six chances to be that far off by chance: with twenty, one survey in 130 names one
+# that was measured well, with a hundred one in 26. At three it would be one in four with twenty.
+IMPLAUSIBLE_SIGMAS = 4.0
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ class SurveyedMarker:
     @property
     def implausible(self) -> bool:
         """Whether it is farther from the hand measurement than its uncertainty explains."""
-        return not self.fixed and self.sigmas > _IMPLAUSIBLE_SIGMAS
+        return not self.fixed and self.sigmas > IMPLAUSIBLE_SIGMAS
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +103,8 @@ class Survey:
         markers: those seen, by id.
         unseen: ids that no frame used shows; they stay as they were measured.
         disowned: ids seen only with corners that fit nowhere; they stay as well.
+        contradicted: fixed ids that most images have elsewhere beside the other fixed ones; they
+            stay, and count.
         groups: ids of the markers that frames tie together; between two groups there is nothing
             but the hand measurement.
         frames: used.
@@ -115,6 +119,7 @@ class Survey:
     markers: tuple[SurveyedMarker, ...]
     unseen: tuple[int, ...]
     disowned: tuple[int, ...]
+    contradicted: tuple[int, ...]
     groups: tuple[tuple[int, ...], ...]
     options: SurveyOptions
     frames: int

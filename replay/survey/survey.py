@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from pipeline.camera import Camera
 from pipeline.detection import Detections
@@ -21,9 +22,13 @@ from replay.survey.solve import Solution, solve
 from replay.survey.uncertainty import Uncertainty, uncertainty
 from replay.survey.views import Views
 
+BoolArray = npt.NDArray[np.bool_]
+
 # A corner farther off than this is no corner of that marker there; what is nearer is the loss's.
 _REJECT_SIGMAS = 8.0
 _REJECT_PX = 1.0
+# A fixed marker of whose sightings more are that far off is where the others do not have it.
+_CONTRADICTED = 0.5
 _REJECT_ROUNDS = 4
 # Another start is taken where it costs clearly less.
 _RESTARTS = 8
@@ -64,6 +69,10 @@ def survey(
         errors = after.problem.corner_errors_px(after.solution.x)
         gate_px = max(_REJECT_SIGMAS * after.solution.sigma_px, _REJECT_PX)
         wrong = np.linalg.norm(errors, axis=2).max(axis=1) > gate_px
+        # Without it the map would hang on other markers than those it was told to: the loss weighs
+        # them against each other.
+        contradicted = _contradicted(views, wrong, options.fix)
+        wrong &= ~np.isin(views.ids, contradicted)
         if not wrong.any() or attempt == _REJECT_ROUNDS - 1:
             break
         on_step(f"{int(wrong.sum())} of {len(wrong)} sightings are off, and left out")
@@ -76,7 +85,13 @@ def survey(
     shared = after.solution.x[: after.problem.frame_start]
     after = _solve(views, camera, marker_map, options, options.fix, shared, dependence)
     before = _solve(views, camera, marker_map, options, set(marker_map.ids))
-    return _survey(views, before, after, marker_map, options, rejected)
+    return _survey(views, before, after, marker_map, options, rejected, contradicted)
+
+
+def _contradicted(views: Views, wrong: BoolArray, fixed: Collection[int]) -> tuple[int, ...]:
+    """The fixed markers that most of their sightings have elsewhere."""
+    seen, off = Counter(views.ids.tolist()), Counter(views.ids[wrong].tolist())
+    return tuple(i for i in sorted(fixed) if off[i] > _CONTRADICTED * seen[i])
 
 
 def _settled(
@@ -206,6 +221,7 @@ def _survey(
     marker_map: MarkerMap,
     options: SurveyOptions,
     rejected: Mapping[int, int],
+    contradicted: tuple[int, ...],
 ) -> Survey:
     problem, solution = after.problem, after.solution
     sure = uncertainty(problem, solution)
@@ -221,6 +237,7 @@ def _survey(
         markers=markers,
         unseen=tuple(i for i in marker_map.ids if i not in seen and not rejected.get(i)),
         disowned=tuple(i for i in marker_map.ids if i not in seen and rejected.get(i)),
+        contradicted=contradicted,
         groups=views.groups(),
         options=options,
         frames=len(views.poses),

@@ -44,8 +44,12 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
         reader.open()
     except Exception as error:  # rosbags lets through what sqlite3, YAML and MCAP trip over
+        expected, hint = "a ROS bag", ""
+        if path.suffix.lower() == ".mcap":
+            expected = "an MCAP of ROS 2 (messages in CDR)"
+            hint = "; one with foxglove.CompressedImage on /camera/image is a log: replay it"
         raise InputError(
-            path, f"expected a ROS bag, found another file: {reason(error)}"
+            path, f"expected {expected}, found another file: {reason(error)}{hint}"
         ) from error
     try:
         yield reader

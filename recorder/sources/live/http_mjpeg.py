@@ -121,8 +121,11 @@ class HttpConnection:
     def _boundary(self, response: http.client.HTTPResponse) -> str:
         """What is between the parts of a response; everything that is no stream is refused."""
         if response.status == 401:
+            asked = response.headers.get("WWW-Authenticate", "").split(" ")[0] or "nothing"
             raise InputError(
-                self._spec, "expected to be let in, found 401: give http://USER:PASSWORD@HOST/…"
+                self._spec,
+                "expected to be let in, found 401: give http://USER:PASSWORD@HOST/… (Basic "
+                f"authentication alone is known here, the server asks for {asked})",
             )
         if location := response.headers.get("Location"):
             raise InputError(self._spec, f"expected a stream, found a redirect to {location}")

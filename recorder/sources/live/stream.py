@@ -215,7 +215,9 @@ class LiveCamera:
         progress = self._progress
         index = progress.next_index
         progress.next_index += 1
-        timestamp_ns = received.timestamp_ns or received.arrival_ns
+        # A stamp of 0 or below is none: a camera before its clock is set, a stream before its zero.
+        stamp_ns = received.timestamp_ns or 0
+        timestamp_ns = stamp_ns if stamp_ns > 0 else received.arrival_ns
         progress.last_ns = timestamp_ns
         if received.note:
             yield SourceEvent(timestamp_ns, "warning", f"before frame {index}: {received.note}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import struct
 from collections.abc import Callable, Iterator
@@ -166,6 +165,8 @@ class Device:
 
 
 def _fcntl(fd: int, request: int, data: bytearray) -> int:
+    import fcntl  # not on Windows
+
     return int(fcntl.ioctl(fd, request, data, True))
 
 
