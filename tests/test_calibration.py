@@ -169,7 +169,7 @@ def test_a_view_that_does_not_fit_is_named_and_the_others_stay() -> None:
 
 def test_noise_alone_removes_no_view() -> None:
     true = camera()
-    for seed in range(5):
+    for seed in range(3):
         views = exact_views(
             true, BOARD, board_poses(true, BOARD, 12, seed=seed), sigma_px=0.3, seed=seed
         )
@@ -262,6 +262,7 @@ def test_corners_that_no_view_was_in_do_not_blur_the_middle() -> None:
     assert float(np.sqrt(np.mean(inside**2))) == pytest.approx(scatter, rel=0.3)
 
 
+@pytest.mark.slow
 def test_warns_of_frontal_views_and_of_half_an_image() -> None:
     true = camera()
     frontal = exact_views(
@@ -292,6 +293,7 @@ def test_warns_of_parameters_that_no_view_needs() -> None:
     assert "--model plumb_bob --zero k3" in text
 
 
+@pytest.mark.slow
 def test_warns_of_a_lens_of_another_kind() -> None:
     matrix = [[380.0, 0, 640], [0, 380.0, 360], [0, 0, 1]]
     fisheye = Camera(1280, 720, np.array(matrix), "equidistant", np.array([0.05, -0.01, 0, 0]))
@@ -304,12 +306,14 @@ def test_warns_of_a_lens_of_another_kind() -> None:
     assert "no ray" not in right
 
 
+@pytest.mark.slow
 def test_a_good_calibration_has_nothing_against_it() -> None:
     true = told_apart("rational_polynomial")
     views = exact_views(true, BOARD, board_poses(true, BOARD, 40, seed=11), sigma_px=0.1)
     assert warnings(run(views, true, "rational_polynomial")) == []
 
 
+@pytest.mark.slow
 def test_of_many_views_those_that_differ_are_used() -> None:
     true = camera()
     views = exact_views(true, BOARD, board_poses(true, BOARD, 24, seed=12), sigma_px=0.2)

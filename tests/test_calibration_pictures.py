@@ -16,6 +16,7 @@ from pipeline.camera import Camera
 from pipeline.detection import GrayImage
 from recorder.errors import InputError
 from recorder.files.camera_file import parse_camera
+from recorder.files.output_file import write_together
 from recorder.log.reader import LogReader
 from recorder.log.writer import LogWriter
 from recorder.sources.base import CapturedFrame
@@ -101,8 +102,37 @@ def test_a_folder_of_chessboards(chessboards: list[GrayImage], tmp_path: Path) -
     assert again.exit_code == 0
     assert (out.read_bytes(), (tmp_path / "camera.html").read_text()) == before
     assert {path.name for path in tmp_path.iterdir()} == {"pictures", "camera.yaml", "camera.html"}
+    assert "without those set aside because they do not fit" in report["held_out"]["how"]
 
 
+@pytest.mark.parametrize("there", [True, False])
+@pytest.mark.parametrize("step", ["write_bytes", "replace"])
+def test_files_that_belong_together(
+    step: str, there: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the second cannot be written, both are as they were before."""
+    page, out = tmp_path / "camera.html", tmp_path / "camera.yaml"
+    if there:
+        page.write_bytes(b"old page")
+        out.write_bytes(b"old camera")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    plain = getattr(Path, step)
+
+    def failing(path: Path, argument: object) -> object:
+        if path.name.startswith(".camera.yaml"):
+            raise OSError(28, "No space left on device", str(path))
+        return plain(path, argument)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, step, failing)
+        with pytest.raises(OSError, match="No space"):
+            write_together({page: b"page", out: b"camera"}, force=True)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    write_together({page: b"page", out: b"camera"}, force=True)
+    assert (page.read_bytes(), out.read_bytes()) == (b"page", b"camera")
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["rational_polynomial", "equidistant"])
 def test_the_file_of_every_model_can_be_read(
     model: str, chessboards: list[GrayImage], tmp_path: Path
@@ -114,6 +144,7 @@ def test_the_file_of_every_model_can_be_read(
     assert parse_camera(out.read_bytes(), out).distortion_model == model
 
 
+@pytest.mark.slow
 def test_a_log_gives_what_its_images_give(chessboards: list[GrayImage], tmp_path: Path) -> None:
     folder = save(chessboards, tmp_path / "pictures")
     files = sorted(folder.iterdir())
@@ -131,7 +162,7 @@ def test_a_log_gives_what_its_images_give(chessboards: list[GrayImage], tmp_path
         assert reader.image_count() == 14
 
 
-@pytest.mark.parametrize("layout", ["new", "legacy"])
+@pytest.mark.parametrize("layout", [pytest.param("new", marks=pytest.mark.slow), "legacy"])
 def test_both_charuco_layouts(layout: str, tmp_path: Path) -> None:
     board = CHARUCO.with_layout("legacy" if layout == "legacy" else "new")
     folder = save(draw(board, 12, seed=2), tmp_path / "pictures")
@@ -255,7 +286,10 @@ def test_errors_are_one_line_and_leave_nothing(
     nowhere = run(tmp_path / "nowhere", "--board", str(CHESSBOARD), "-o", out)
     assert "found nothing there" in str(nowhere.exception)
     live = run("rtsp://camera", "--board", str(CHESSBOARD), "-o", out)
-    assert "record a live camera first" in str(live.exception)
+    assert str(live.exception).startswith("rtsp://camera: expected a log")
+    secret = run("http://me:secret@cam/video", "--board", str(CHESSBOARD), "-o", out)
+    assert str(secret.exception).startswith("http://me:***@cam/video: expected a log")
+    assert "record a live camera first" in str(secret.exception)
     assert run(folder, "--board", "chessboard:8x6", "-o", out).exit_code == 2
     assert run(folder, "--board", str(CHESSBOARD), "--zero", "k9", "-o", out).exit_code == 2
     assert [path.name for path in tmp_path.iterdir()] == ["pictures"]

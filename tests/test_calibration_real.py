@@ -40,6 +40,7 @@ def test_chessboard(shared_data: Path) -> None:
     assert len(calibration.views) + len(calibration.set_aside) == 13
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "count", "size"),
     [("2024-05-07_lifecam_1280", 16, (1280, 720)), ("2024-05-07_lifecam_480", 17, (640, 480))],
@@ -56,6 +57,7 @@ def test_charuco(name: str, count: int, size: tuple[int, int], shared_data: Path
     assert calibration.held_out.rms_px <= 0.30
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["rational_polynomial", "equidistant"])
 def test_the_other_models(model: DistortionModel, shared_data: Path) -> None:
     calibration = run(shared_data / "chessboard", "chessboard:9x6:0.025", model).calibration

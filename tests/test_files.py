@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 
@@ -76,6 +77,14 @@ def test_camera_round_trips_number_for_number(
     np.testing.assert_array_equal(back.camera_matrix, camera.camera_matrix)
     np.testing.assert_array_equal(back.dist_coeffs, camera.dist_coeffs)
     assert (back.name, back.distortion_model) == (camera.name, camera.distortion_model)
+
+
+@pytest.mark.parametrize(
+    "name", ["1e5", "1E-3", "007", "yes", "~", "a: b", "", "Küche", "x\u2028y"]
+)
+def test_a_cameras_name_comes_back_as_it_was(name: str) -> None:
+    camera = replace(parse_camera(CAMERA, Path("camera.yaml")), name=name)
+    assert parse_camera(camera_yaml(camera), Path("camera.yaml")).name == name
 
 
 @pytest.mark.parametrize(

@@ -230,6 +230,12 @@ def test_what_a_format_cannot_hold_is_said() -> None:
         ("csv", b"marker_id,x_m,y_m,z_m\n1,2,3,4\n", ["line 2", "one way to place it"]),
         ("csv", b"marker_id,x_m,y_m,z_m\nA,2,3,4\n", ["line 2", "whole number", "'A'"]),
         ("csv", b"marker_id,x_m,y_m,z_m\n1,2,inf,4\n", ["line 2", "y_m", "'inf'"]),
+        (
+            "csv",
+            b"marker_id;x_m;y_m\n1;2,5;3\n",
+            ["header", "commas between columns", "semicolons"],
+        ),
+        ("csv", b"marker_id\tx_m\n1\t2\n", ["header", "commas between columns", "tabs"]),
         ("csv", b"\xff", ["line 1", "UTF-8"]),
     ],
 )

@@ -18,6 +18,7 @@ from recorder.files.map_file import map_yaml
 from recorder.files.truth_file import parse_truth
 from recorder.map_cli import map_group
 from recorder.maps.plan import PlanFormat, PlanOptions, draw_plan
+from recorder.maps.plan_frame import View
 from tests import worlds
 
 DPI = 200
@@ -96,6 +97,19 @@ def test_every_id_is_on_the_plan() -> None:
     assert "hall.yaml: 200 markers of 0.2 m, DICT_6X6_1000, frame map" in text
     assert f"1 : {plan.scale}," in text
     assert plan.hidden == 0
+
+
+@pytest.mark.parametrize(
+    ("facing", "view", "line"),
+    [
+        ("down", "top", "seen from above: those facing down show their back<"),
+        ("up", "top", "seen from above<"),
+        ("down", "front", "seen along y<"),
+    ],
+)
+def test_backs_are_told_of_where_there_are_any(facing: Facing, view: View, line: str) -> None:
+    text = draw_plan(one(facing, 0.0), "svg", PlanOptions(view=view)).data.decode()
+    assert line in text
 
 
 @pytest.mark.parametrize("kind", ["svg", "png", "pdf"])

@@ -64,7 +64,7 @@ def check_square(corners_mm: Array, size_mm: float) -> None:
     ("dictionary", "size_mm", "inverted", "page"),
     [
         ("DICT_6X6_1000", 150.0, False, "A4"),
-        ("DICT_APRILTAG_36h11", 165.1, False, "letter"),
+        pytest.param("DICT_APRILTAG_36h11", 165.1, False, "letter", marks=pytest.mark.slow),
         ("DICT_4X4_50", 33.3, True, "A4"),
         ("DICT_5X5_100", 12.0, False, "100x150"),
     ],

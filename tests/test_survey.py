@@ -192,7 +192,15 @@ def test_problem_at_its_start() -> None:
     assert not residuals[problem.corner_rows :].any()
 
 
-@pytest.mark.parametrize("loss", ["soft_l1", "huber", "cauchy", "linear"])
+@pytest.mark.parametrize(
+    "loss",
+    [
+        "soft_l1",
+        pytest.param("huber", marks=pytest.mark.slow),
+        pytest.param("cauchy", marks=pytest.mark.slow),
+        "linear",
+    ],
+)
 def test_exact_corners_give_the_true_map(loss: Loss) -> None:
     true = misplaced(HAND, 3)
     found = survey(seen(true, HAND, loop(24)), CAMERA, HAND, SurveyOptions(FIXED, loss=loss))
@@ -212,6 +220,7 @@ def test_inset_edges_are_made_up_for() -> None:
     assert rms_m(found.refined, true) < 2e-4
 
 
+@pytest.mark.slow
 def test_uncertainty_is_honest() -> None:
     """Over seeds, errors over their standard deviations have one of about one."""
     pulls = []
@@ -228,6 +237,7 @@ def test_uncertainty_is_honest() -> None:
     assert (spread < 1.35).all(), spread
 
 
+@pytest.mark.slow
 def test_lasting_errors_are_in_the_uncertainty() -> None:
     """A detector that is off in a way of each marker's own: the residuals show it."""
     rng = np.random.default_rng(5)
@@ -449,6 +459,7 @@ def test_keyframes_show_every_marker() -> None:
     assert last in choose(sightings, hall, 10)
 
 
+@pytest.mark.slow
 def test_same_again() -> None:
     """Nothing is drawn by chance."""
     true = misplaced(HAND, 12)

@@ -86,7 +86,7 @@ def warnings(survey: Survey) -> list[str]:
     if survey.contradicted:
         lines.append(
             "fixed, but not where the images have it beside the others that are fixed: "
-            f"{listed(survey.contradicted)}. The refined map is bent between them, by more than its "
+            f"{listed(survey.contradicted)}. The refined map is bent between them by more than its "
             "std_m: one of all these is not where it was measured, fix those only that are sure"
         )
     if missed := fixed & {*survey.unseen, *survey.disowned}:
