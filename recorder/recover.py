@@ -98,9 +98,8 @@ def _copy(reader: LogReader, writer: LogWriter, counts: _Counter, shown: set[str
             try:
                 _, data, format = from_image(CompressedImage.FromString(message.data))
             except DecodeError as error:
-                raise InputError(
-                    reader.path, "expected foxglove.CompressedImage, found other bytes", topics.IMAGE
-                ) from error
+                problem = "expected foxglove.CompressedImage, found other bytes"
+                raise InputError(reader.path, problem, topics.IMAGE) from error
             stamps = (message.publish_time, message.log_time)
             counts.add(message.sequence, *stamps, image_fault(data, format))
         # What attachments show to viewers is made anew from them.

@@ -1,8 +1,8 @@
 """Records with many processes and kills each at a random moment.
 
-`python -m tests.crash_recorder FOLDER COUNT SEED [SPLIT_S]` leaves `K.mcap` or its parts, in `K.frames` the number and the
-time (both 8 bytes, nanoseconds of the monotonic clock) of each frame that the recorder was given,
-and in `K.killed` the time of the kill.
+`python -m tests.crash_recorder FOLDER COUNT SEED [SPLIT_S]` leaves `K.mcap` or, with SPLIT_S, its
+parts, in `K.frames` the number and the time (both 8 bytes, nanoseconds of the monotonic clock) of
+each frame that the recorder was given, and in `K.killed` the time of the kill.
 """
 
 from __future__ import annotations

@@ -72,11 +72,12 @@ def test_fifty_kills_cost_the_last_second_at_most(tmp_path: Path) -> None:
 def test_kills_while_parts_change_cost_the_last_second_at_most(tmp_path: Path) -> None:
     kills = 10
     kill_recorders(tmp_path, kills, 5, "0.03")
+    changes = 0
     for k in range(kills):
         given = list(STAMP.iter_unpack((tmp_path / f"{k}.frames").read_bytes()))
         _, killed_ns = STAMP.unpack((tmp_path / f"{k}.killed").read_bytes())
         (parts,) = group_parts(sorted(tmp_path.glob(f"{k}-*.mcap")))
-        assert len(parts) > 3
+        changes += len(parts) - 1
         whole = tmp_path / f"saved-{k}"
         whole.mkdir()
         saved = [whole / path.name for path in parts]
@@ -89,6 +90,7 @@ def test_kills_while_parts_change_cost_the_last_second_at_most(tmp_path: Path) -
             assert killed_ns - given[len(found)][1] <= SECOND_NS, f"recording {k}"
         rules = {v.rule: v.level for v in verify(saved, decode=False).rules}
         assert {rules[name] for name in ("parts", "checksums", "index", "counts", "gaps")} == {"ok"}
+    assert changes > 10 * kills
 
 
 def test_a_power_loss_costs_the_last_second_at_most(

@@ -26,7 +26,7 @@ from recorder.sources.live.multipart import CutError, parts
 from recorder.sources.opening import open_source
 from recorder.verify.run import verify
 from tests.live_helpers import Taker
-from tests.log_helpers import images
+from tests.log_helpers import images, png
 from tests.mjpeg_server import Fault, MjpegProcess, MjpegServer, Script, Served
 
 
@@ -282,11 +282,13 @@ def test_a_password_is_not_shown() -> None:
 
 
 @contextmanager
-def web_server(status: int, kind: str, body: bytes) -> Iterator[str]:
+def web_server(status: int, kind: str, body: bytes, *login: str) -> Iterator[str]:
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             self.send_response(status)
             self.send_header("Content-Type", kind)
+            for scheme in login:
+                self.send_header("WWW-Authenticate", f'{scheme} realm="camera"')
             if status in (301, 302):
                 self.send_header("Location", "http://elsewhere/")
             self.end_headers()
@@ -316,6 +318,38 @@ def web_server(status: int, kind: str, body: bytes) -> Iterator[str]:
 def test_what_is_no_stream_is_said(status: int, kind: str, words: str) -> None:
     with web_server(status, kind, b"text") as url, pytest.raises(InputError, match=words):
         http_camera(url)
+
+
+def test_a_login_that_is_not_known_is_named() -> None:
+    with (
+        web_server(401, "text/html", b"", "Digest") as url,
+        pytest.raises(InputError, match=r"expected a server with Basic login, found .* Digest"),
+    ):
+        http_camera(url)
+    with (
+        web_server(401, "text/html", b"", "Digest", "Basic") as url,
+        pytest.raises(InputError, match=r"USER:PASSWORD@HOST/… \(Basic login\)"),
+    ):
+        http_camera(url)
+
+
+@pytest.mark.parametrize("stamp_ns", [None, 0, -5 * 10**9])
+def test_a_stamp_that_is_none_is_the_arrival(stamp_ns: int | None) -> None:
+    class Stamped:
+        def receive(self) -> stream.Received:
+            return stream.Received(png(), 7 * 10**18, stamp_ns, "png")
+
+        def describe(self) -> dict[str, str]:
+            return {"clock": "its own"}
+
+        def interrupt(self) -> None: ...
+
+        def close(self) -> None: ...
+
+    camera = stream.LiveCamera("camera", "spec", Stamped, {})
+    found = next(iter(camera.frames()))
+    camera.stop()
+    assert found.timestamp_ns == 7 * 10**18
 
 
 def test_a_path_may_have_any_letters() -> None:

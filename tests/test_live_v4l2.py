@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import json
 import struct
+import subprocess
+import sys
 import time
 from fractions import Fraction
 from pathlib import Path
@@ -31,6 +33,7 @@ from recorder.sources.live.settings import (
 )
 from recorder.sources.live.v4l2 import Device, Mode
 from recorder.sources.opening import SourceOptions, open_source
+from tests.conftest import ROOT
 from tests.live_helpers import Taker
 from tests.test_sources import make_video
 
@@ -228,6 +231,16 @@ def test_a_device_is_a_source(tmp_path: Path, opened_with: dict[str, str]) -> No
     # Who was unplugged in between has forgotten it.
     assert driver.set.count((v4l2.FOCUS, 0)) == 2
     assert [f.data for f in taken.frames[:30]] == packets
+
+
+def test_where_there_are_no_such_devices_none_are_listed() -> None:
+    script = (
+        "import sys; sys.modules['fcntl'] = None\n"  # as on Windows
+        "from recorder.sources.live.listing import found_cameras, listing_text\n"
+        "print(listing_text(found_cameras([])))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout.startswith("no camera found"), done.stderr
 
 
 def test_autofocus_is_warned_of(tmp_path: Path, opened_with: dict[str, str]) -> None:

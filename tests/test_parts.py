@@ -180,6 +180,9 @@ def test_a_part_that_was_not_begun_is_left_out(tmp_path: Path, content: bytes) -
     told: list[str] = []
     assert group_parts([*paths, unbegun], told.append) == [tuple(paths)]
     assert told == [f"{unbegun}: left out, a part of a recording with nothing in it"]
+    verb = {c.name: c for c in commands()}["verify"]
+    done = CliRunner().invoke(verb, [*map(str, paths), str(unbegun), "--quick"])
+    assert f"Warning: {told[0]}" in done.stderr
     # Alone, or beside other recordings, it is what was asked for.
     other = tmp_path / "other.mcap"
     record(ScriptedSource([frame(0)]), other)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from recorder.cli import commands
 from recorder.errors import InputError
@@ -198,6 +199,20 @@ def test_a_log_of_another_make_is_recovered(tmp_path: Path) -> None:
     recover(path, out)
     with LogReader(out) as log:
         assert [image.frame_index for image in images(log)] == [0, 1, 2]
+
+
+def test_a_log_of_another_make_with_other_bytes_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("foxglove.CompressedImage", "protobuf", b"")
+        channel = writer.register_channel("/camera/image", "protobuf", schema)
+        writer.add_message(channel, 0, b"\x0a\xff", 0)
+        writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(InputError, match=r"expected foxglove.CompressedImage, found other bytes"):
+        recover(path, tmp_path / "out.mcap")
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_the_command(tmp_path: Path) -> None:

@@ -368,6 +368,26 @@ def test_latencies_are_those_of_all_frames_and_of_the_last_seconds(
     assert recent.median_ms == pytest.approx(np.median(last), rel=0.02)
 
 
+def test_what_a_camera_says_is_on_screen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Warning(Camera):
+        def preparation(self) -> str | None:
+            return "autofocus is on"
+
+    source = Warning(3)
+    lost = SourceEvent(0, "error", "connection lost: gone")
+    source._items = [*source._items, lost, KeyboardInterrupt()]
+    monkeypatch.setattr("recorder.sources.opening.open_source", lambda *_: source)
+    shown: list[str] = []
+    monkeypatch.setattr("tqdm.tqdm.set_postfix_str", lambda _, text, **__: shown.append(text))
+    verb: click.Command = track_verb()
+    done = CliRunner().invoke(verb, ["/dev/none", "-o", str(tmp_path / "log.mcap"), "--no-rrd"])
+    assert done.exit_code == 130
+    assert "autofocus is on" in done.stderr
+    assert "s ago: connection lost: gone" in shown[-1]
+
+
 def test_the_verb_records_tracks_and_reports(tmp_path: Path) -> None:
     folder = tmp_path / "images"
     folder.mkdir()

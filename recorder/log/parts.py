@@ -40,7 +40,8 @@ def group_parts(
     """
     groups: dict[str, dict[int, Path]] = {}
     for position, path in enumerate(paths):
-        if _is_unbegun(path) and any(o != path and whole_path(o) == whole_path(path) for o in paths):
+        beside = [p for p in paths if p != path and whole_path(p) == whole_path(path)]
+        if beside and _is_unbegun(path):
             if warn is not None:
                 warn(f"{path}: left out, a part of a recording with nothing in it")
             continue

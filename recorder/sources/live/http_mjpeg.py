@@ -121,11 +121,13 @@ class HttpConnection:
     def _boundary(self, response: http.client.HTTPResponse) -> str:
         """What is between the parts of a response; everything that is no stream is refused."""
         if response.status == 401:
-            asked = response.headers.get("WWW-Authenticate", "").split(" ")[0] or "nothing"
+            offered = [h.split(" ")[0] for h in response.headers.get_all("WWW-Authenticate", [])]
+            if offered and "basic" not in map(str.lower, offered):
+                found = f"one that wants {' or '.join(offered)}"
+                raise InputError(self._spec, f"expected a server with Basic login, found {found}")
             raise InputError(
                 self._spec,
-                "expected to be let in, found 401: give http://USER:PASSWORD@HOST/… (Basic "
-                f"authentication alone is known here, the server asks for {asked})",
+                "expected to be let in, found 401: give http://USER:PASSWORD@HOST/… (Basic login)",
             )
         if location := response.headers.get("Location"):
             raise InputError(self._spec, f"expected a stream, found a redirect to {location}")
