@@ -227,8 +227,9 @@ def _only(marker_map: MarkerMap, ids: str, map_path: Path) -> MarkerMap:
     except ValueError as error:
         raise click.BadParameter(str(error), param_hint="--ids") from error
     kept = tuple(marker for marker in marker_map.markers if marker.id in wanted)
-    if not kept:
-        raise InputError(map_path, f"expected markers with ids {ids}, found none")
+    if missing := sorted(set(wanted) - {marker.id for marker in kept}):
+        listed = ", ".join(map(str, missing[:10])) + (", …" if len(missing) > 10 else "")
+        raise InputError(map_path, f"expected markers with ids {ids}, found none with {listed}")
     return replace(marker_map, markers=kept)
 
 

@@ -96,7 +96,9 @@ def test_an_address_becomes_the_url_of_a_viewer() -> None:
     assert Address("::1", 1).url == "rerun+http://[::1]:1/proxy"
 
 
-@pytest.mark.parametrize("text", [":", ":1", "robot:", "robot:x", "robot:70000", "http://a:1", "/"])
+@pytest.mark.parametrize(
+    "text", [":", ":1", "robot:", "robot:x", "robot:70000", "http://a:1", "/", "9876"]
+)
 def test_what_is_no_address(text: str) -> None:
     with pytest.raises(ValueError, match="expected HOST or HOST:PORT"):
         parse_address(text)

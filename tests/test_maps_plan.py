@@ -145,6 +145,7 @@ def test_from_the_command_line(tmp_path: Path) -> None:
         (("-o", tmp_path / "plan.svg"), "--force"),
         (("-o", tmp_path / "plan.gif"), ".svg, .pdf or .png"),
         (("-o", tmp_path / "a.svg", "--ids", "7"), "ids 7"),
+        (("-o", tmp_path / "a.svg", "--ids", "0,7"), "found none with 7"),
         (("-o", tmp_path / "a.svg", "--scale", "1", "--view", "side"), "at most 2000 mm"),
     ):
         failed = run("draw", site, *arguments)

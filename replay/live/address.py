@@ -48,7 +48,9 @@ def parse_address(text: str) -> Address:
     if not colon or text.endswith("]"):
         host, port = text, str(_PORT)
     host = host.removeprefix("[").removesuffix("]")
-    if not host or "/" in host or not port.isdecimal() or not 0 < int(port) < 2**16:
+    # A bare number would be a host by the letter, and is a port by intent.
+    is_host = bool(host) and "/" not in host and not host.isdecimal()
+    if not is_host or not port.isdecimal() or not 0 < int(port) < 2**16:
         raise ValueError(f"expected HOST or HOST:PORT of a Rerun viewer, found {text!r}")
     return Address(host, int(port))
 
