@@ -7,8 +7,15 @@ from pathlib import Path
 
 import pytest
 
-# Under nohup it is ignored, and whoever waits for what it does would wait for ever.
-signal.signal(signal.SIGHUP, signal.SIG_DFL)
+# A shell starts background jobs with SIGINT ignored, nohup ignores SIGHUP: a recorder respects that,
+# and a test that waits for what they do would wait for ever.
+for _number, _handler in (
+    (signal.SIGINT, signal.default_int_handler),
+    (signal.SIGTERM, signal.SIG_DFL),
+    (signal.SIGHUP, signal.SIG_DFL),
+):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, _handler)
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED_DATA = ROOT.parent / "shared" / "data"
