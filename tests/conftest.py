@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-# A shell starts background jobs with SIGINT ignored, nohup ignores SIGHUP: a recorder respects that,
-# and a test that waits for what they do would wait for ever.
+# A shell starts background jobs with SIGINT ignored, nohup ignores SIGHUP: a recorder respects
+# that, and a test that waits for what they do would wait for ever.
 for _number, _handler in (
     (signal.SIGINT, signal.default_int_handler),
     (signal.SIGTERM, signal.SIG_DFL),
