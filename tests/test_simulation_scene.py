@@ -334,7 +334,7 @@ def test_frame_count_follows_duration_or_trajectory(tmp_path: Path) -> None:
         (changed(camera__f_px=100.0), r"camera: expected one of f_px and diagonal_fov_deg"),
         (changed(camera__width_px="wide"), r"camera\.width_px: expected .*integer, found 'wide'"),
         (changed(camera__dist_coeffs=[0.1]), r"camera: expected 4 or 5 coefficients.*found 1"),
-        (changed(map__dictionary="DICT_9X9"), r"map: expected a dictionary.*'DICT_9X9'"),
+        (changed(map__dictionary="DICT_9X9"), r"map.dictionary: expected a dictionary.*'DICT_9X9'"),
         (changed(map__markers=[{"id": 0}]), r"map\.markers\[0\].*expected one way to place it"),
         (changed(truth={"paths": {}}), r"truth\.paths: expected a known key"),
         (changed(trajectory__kind="spiral"), r"trajectory.*expected .*static.*found spiral"),
