@@ -33,7 +33,6 @@ from analysis.tracking.statistics import (
     CONSISTENCY,
     acceleration,
     drive_table,
-    tracking_table,
 )
 from analysis.tracking.study import study_drives, study_tracking
 from analysis.tracking_cli import tracking
@@ -419,8 +418,7 @@ def test_the_table_of_a_result_has_the_errors_of_its_summary(
     results: tuple[Result, Result],
 ) -> None:
     result = results[0]
-    drive = load_drive(result)
-    table = tracking_table(drive.tracks, drive.poses, drive.truth, drive.path)
+    table = drive_table(load_drive(result))
     assert list(table.columns) == ["tracker", "side", "markers", *ACCURACY, *CONSISTENCY]
     assert set(table["side"]) == {ALL}
     for row in table.to_dict("records"):

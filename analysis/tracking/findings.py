@@ -13,7 +13,7 @@ _Row = dict[str, Any]
 
 
 def findings(table: pd.DataFrame) -> tuple[str, ...]:
-    """Sentences about one drive, from its `tracking_table`."""
+    """Sentences about one drive, from its `drive_table`."""
     everything = [{str(k): value for k, value in row.items()} for row in table.to_dict("records")]
     rows = [row for row in everything if row["tracker"] != FIXES]
     fixes = {row["side"]: row for row in everything if row["tracker"] == FIXES}

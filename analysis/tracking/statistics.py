@@ -9,8 +9,6 @@ import pandas as pd
 from analysis.tracking.consistency import lag1, lag1_band, log_likelihood, nees, nis_test
 from analysis.tracking.drive import Drive, Timeline, Track, timeline, tracks_of
 from pipeline.geometry import Array
-from pipeline.selection import MaxMarkers
-from recorder.files.truth_file import TruthPath
 from replay.accuracy import FIXES, path_errors
 
 # The row of a tracker over the whole drive.
@@ -48,24 +46,13 @@ CONSISTENCY = (
 Row = dict[str, object]
 
 
-def tracking_table(
-    tracks: pd.DataFrame,
-    poses: pd.DataFrame,
-    truth: pd.DataFrame | None = None,
-    path: TruthPath | None = None,
-    max_markers: MaxMarkers = None,
-) -> pd.DataFrame:
-    """Everything that the study measures, from the tables of a result.
+def drive_table(drive: Drive) -> pd.DataFrame:
+    """Everything that the study measures.
 
     One row for the fixes and each tracker, over the whole drive and for each side of the path:
     `tracker`, `side`, `markers` (median of those used), then the columns `ACCURACY` and
     `CONSISTENCY`. NaN (`verdict`: empty) where fewer than `MIN_COUNT` values are known.
     """
-    return drive_table(Drive("", tracks, poses, truth, path, max_markers))
-
-
-def drive_table(drive: Drive) -> pd.DataFrame:
-    """`tracking_table` of a drive."""
     frames = timeline(drive)
     spans = [(ALL, np.ones(len(frames.side), dtype=np.bool_))]
     if len(frames.sides) > 1:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from recorder.sources.base import CapturedFrame, SourceEvent
+from recorder.sources.wrapped import WrappedSource
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -55,35 +56,18 @@ class CaptureClock:
             return system_ns - min(self._lags_ns)
 
 
-class WatchedSource:
+class WatchedSource(WrappedSource):
     """A live source whose frames pass by a clock; all else is as of the source."""
 
     def __init__(self, source: LiveSource, clock: CaptureClock, on_end: Callable[[], None]) -> None:
         """`on_end`: called after the last frame, before the log is told that it was the last."""
-        self._source = source
+        super().__init__(source)
+        self._live = source
         self._clock = clock
         self._on_end = on_end
-        self.name = source.name
-
-    def describe(self) -> dict[str, str]:
-        return self._source.describe()
-
-    @property
-    def attachments(self) -> Mapping[str, bytes]:
-        return self._source.attachments
-
-    @property
-    def image_size(self) -> tuple[int, int]:
-        return self._source.image_size
-
-    def frame_count(self) -> int | None:
-        return self._source.frame_count()
-
-    def preparation(self) -> str | None:
-        return self._source.preparation()
 
     def stop(self) -> None:
-        self._source.stop()
+        self._live.stop()
 
     def frames(self) -> Iterator[CapturedFrame | SourceEvent]:
         frames = self._source.frames()

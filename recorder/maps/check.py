@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pipeline.markers import Marker, load_dictionary
 from recorder.errors import InputError
 from recorder.files.map_file import read_map
-from recorder.maps.findings import Finding, Severity
+from recorder.maps.findings import Checked, Finding, Severity
 from recorder.maps.plausibility import direction_text, plausibility_findings, tilt_deg
 from recorder.maps.spacing import Neighbour, nearest_neighbours, spacing_findings
 
@@ -35,32 +35,18 @@ class MarkerRow:
 
 
 @dataclass(frozen=True)
-class MapCheck:
+class MapCheck(Checked):
     """What a map holds and what is odd about it, the worst first."""
 
-    path: str
     frame: str
     dictionary: str | None
     inverted: bool
     markers: tuple[MarkerRow, ...]
     findings: tuple[Finding, ...]
 
-    def count(self, severity: Severity) -> int:
-        return sum(finding.severity == severity for finding in self.findings)
-
     @property
-    def sane(self) -> bool:
-        """No errors; warnings may be as the site is."""
-        return self.count("error") == 0
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "sane": self.sane,
-            "errors": self.count("error"),
-            "warnings": self.count("warning"),
-            **asdict(self),
-        }
+    def _graded(self) -> Sequence[Finding]:
+        return self.findings
 
 
 def check_map(data: bytes, path: Path) -> MapCheck:

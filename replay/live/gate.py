@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 from recorder.capture.source_thread import is_live
 from recorder.sources.base import CapturedFrame, LiveSource, Source, SourceEvent
+from recorder.sources.wrapped import WrappedSource
 
 # As much as may wait, in memory; far below what the recorder's own queue takes.
 _MAX_BYTES = 32 << 20
@@ -55,7 +56,7 @@ class Admission:
         return fits or not self._frames
 
 
-class GatedSource:
+class GatedSource(WrappedSource):
     """A source whose frames wait until they can be tracked.
 
     Attributes:
@@ -63,26 +64,9 @@ class GatedSource:
     """
 
     def __init__(self, source: Source, admission: Admission) -> None:
-        self._source, self._admission = source, admission
-        self.name = source.name
+        super().__init__(source)
+        self._admission = admission
         self.dropped = 0
-
-    def describe(self) -> dict[str, str]:
-        return self._source.describe()
-
-    @property
-    def attachments(self) -> Mapping[str, bytes]:
-        return self._source.attachments
-
-    @property
-    def image_size(self) -> tuple[int, int]:
-        return self._source.image_size
-
-    def frame_count(self) -> int | None:
-        return self._source.frame_count()
-
-    def preparation(self) -> str | None:
-        return self._source.preparation()
 
     def frames(self) -> Iterator[CapturedFrame | SourceEvent]:
         frames = self._source.frames()

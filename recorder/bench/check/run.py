@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pipeline.markers import MarkerMap
 from recorder.bench.check.findings import Place, TruthFinding, places
@@ -28,40 +28,26 @@ from recorder.files.truth_entries import TruthFile
 from recorder.files.truth_file import Truth, check_frame, parse_truth, truth_kind, truth_problems
 from recorder.files.yaml_file import parse_yaml
 from recorder.info_text import counted
-from recorder.maps.findings import Severity
+from recorder.maps.findings import Checked, Severity
 
 
 @dataclass(frozen=True)
-class TruthCheck:
+class TruthCheck(Checked):
     """What a truth file holds and what is odd about it, the worst first.
 
     Attributes:
         timed_poses: of the file, and with a log those of its marks.
     """
 
-    path: str
     places: tuple[Place, ...]
     path_points: int
     timed_poses: int
     trajectory_poses: int
     findings: tuple[TruthFinding, ...]
 
-    def count(self, severity: Severity) -> int:
-        return sum(finding.severity == severity for finding in self.findings)
-
     @property
-    def sane(self) -> bool:
-        """No errors; warnings may be as the site is."""
-        return self.count("error") == 0
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            "sane": self.sane,
-            "errors": self.count("error"),
-            "warnings": self.count("warning"),
-            **asdict(self),
-        }
+    def _graded(self) -> Sequence[TruthFinding]:
+        return self.findings
 
 
 def check_truth(
