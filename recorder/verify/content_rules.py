@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 
@@ -18,30 +17,38 @@ from recorder.info_text import counted
 from recorder.log import topics
 from recorder.maps.check import check_map
 from recorder.verify.facts import Facts
+from recorder.verify.limits import CORRUPT_PERCENT
 from recorder.verify.verdict import Verdict, failed, ok, warning
 
-_CORRUPT_PERCENT = 1.0
 # Truth so far from every marker is in other units or of another place.
 _FAR_M = 50.0
 
 
 def images(facts: Facts) -> Verdict:
-    """There are images, all of one size, and they can be decoded."""
+    """There are images, of one size, and nearly all of them can be decoded."""
     if not len(facts.indices):
         return failed("images", "there are none")
-    if len(facts.sizes) > 1:
-        sizes = ", ".join(f"{n} of {w}x{h}" for (w, h), n in facts.sizes.most_common())
-        return failed("images", f"expected one size, found {sizes}")
+    other = sum(facts.sizes.values()) - max(facts.sizes.values(), default=0)
+    bad = len(facts.faults) + other
+    percent = 100 * bad / len(facts.indices)
+    values = {"frames_corrupt": bad, "percent_corrupt": percent}
+    if not bad:
+        how = "decoded" if facts.decoded else "looked at"
+        return ok("images", f"{counted(len(facts.indices), 'image')} {how}", **values)
+    kinds, details = [], []
     if facts.faults:
-        percent = 100 * len(facts.faults) / len(facts.indices)
         index, what = facts.faults[0]
-        kinds = "" if len(Counter(text for _, text in facts.faults)) == 1 else " and other faults"
-        text = f"{counted(len(facts.faults), 'frame')} corrupt ({percent:.2g} %), "
-        text += f"first {index}: {what}{kinds}"
-        known = percent <= _CORRUPT_PERCENT
-        return warning("images", text) if known else failed("images", text)
-    how = "decoded" if facts.decoded else "looked at"
-    return ok("images", f"{counted(len(facts.indices), 'image')} {how}")
+        more = "" if len({text for _, text in facts.faults}) == 1 else " and other faults"
+        kinds.append("corrupt")
+        details.append(f"first {index}: {what}{more}")
+    if other:
+        kinds.append("of another size")
+        sizes = ", ".join(f"{n} of {w}x{h}" for (w, h), n in facts.sizes.most_common())
+        details.append(f"expected one size, found {sizes}")
+    text = f"{counted(bad, 'frame')} {' or '.join(kinds)}, {percent:.3g} % "
+    text += f"(limit {CORRUPT_PERCENT:g} %), {'; '.join(details)}"
+    level = failed if percent > CORRUPT_PERCENT else warning
+    return level("images", text, **values)
 
 
 def calibration(facts: Facts) -> Verdict:
@@ -55,10 +62,9 @@ def calibration(facts: Facts) -> Verdict:
     if camera is None:
         return warning("calibration", "there is none: replay needs --camera")
     width, height = camera.image_size
-    for size in facts.sizes:
-        if size != camera.image_size:
-            found = f"it is for {width}x{height}, the images are {size[0]}x{size[1]}"
-            return failed("calibration", found)
+    if (size := facts.image_size) is not None and size != camera.image_size:
+        found = f"it is for {width}x{height}, the images are {size[0]}x{size[1]}"
+        return failed("calibration", found)
     cx, cy = camera.camera_matrix[0, 2], camera.camera_matrix[1, 2]
     if not (0 <= cx < width and 0 <= cy < height):
         found = f"its principal point {cx:.1f}, {cy:.1f} is outside of the image"

@@ -8,19 +8,23 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from recorder.image_decoding import flaw
 from recorder.log import topics
 from recorder.log.counts import said_counts
 from recorder.log.damage import Damage
 from recorder.log.frame_checks import image_fault, image_size
 from recorder.log.mcap_records import checksum_problem, index_problem
 from recorder.log.parts import open_log, part_number
-from recorder.log.reader import ExactPose, LogEvent, LogImage, LogReader
-from recorder.verify.decoding import flaw
+from recorder.log.reader import LogReader
+from recorder.log.records import ExactPose, LogEvent, LogImage
+from recorder.log.writer import RECORDER
+from recorder.verify.pace import Pace, pace_of
 
 _THREADS = 2
 
@@ -35,6 +39,7 @@ class PartFacts:
         indexed_images: images that its statistics count; None where it has none.
         end: its `session_end`; None without one.
         said: the counts in there.
+        lost_camera: the error that came behind the last image, such as a lost connection.
     """
 
     path: Path
@@ -48,6 +53,7 @@ class PartFacts:
     said: dict[str, int]
     images: int
     events: int
+    lost_camera: str | None
 
 
 @dataclass(eq=False)
@@ -88,6 +94,11 @@ class Facts:
         return sum(known) if len(known) == len(values) else None
 
     @property
+    def image_size(self) -> tuple[int, int] | None:
+        """Width and height of most images; None where no header could be read."""
+        return self.sizes.most_common(1)[0][0] if self.sizes else None
+
+    @property
     def unseen(self) -> NDArray[np.int64]:
         """(P,) how many of the parts up to each follow one that is not here."""
         before = [0, *(part.number for part in self.parts[:-1])]
@@ -98,6 +109,11 @@ class Facts:
         """(N - 1,) whether no missing part is between an image and the next."""
         before = np.repeat(self.unseen, [part.images for part in self.parts])
         return np.equal(before[1:], before[:-1])
+
+    @cached_property
+    def pace(self) -> Pace | None:
+        """How captures follow one another; None with too few frames to tell."""
+        return pace_of(self.indices, self.timestamps_ns, self.adjoin)
 
     @property
     def seconds(self) -> NDArray[np.float64]:
@@ -153,14 +169,18 @@ def _read(
     path: Path, seen: _Seen, check: Callable[[LogImage], None], on_image: Callable[[], object]
 ) -> PartFacts:
     images = events = 0
+    lost_camera: str | None = None
     reader = LogReader(path)
     for record in reader.records():
         if isinstance(record, ExactPose):
             seen.exact += 1
         elif isinstance(record, LogEvent):
             events += 1
+            if record.level == "error" and record.name == RECORDER:
+                lost_camera = lost_camera or record.message
         else:
             images += 1
+            lost_camera = None
             seen.indices.append(record.frame_index)
             seen.timestamps_ns.append(record.timestamp_ns)
             seen.arrivals_ns.append(record.arrival_ns)
@@ -185,6 +205,7 @@ def _read(
         said=said_counts(end or {}),
         images=images,
         events=events,
+        lost_camera=lost_camera,
     )
 
 

@@ -18,19 +18,47 @@ def end(facts: Facts) -> Verdict:
             return failed("end", f"{part.path.name} is {part.cut_short}; see arucolog recover")
         if part.end is None:
             return failed("end", f"{part.path.name} does not say how it ended")
-    ended = (last.end or {}).get("ended", ending.COMPLETE)
-    if (goes_on := ending.next_part(ended)) is not None:
-        return warning("end", f"the recording goes on in {goes_on}, which was not given")
+    said = last.end or {}
+    ended = said.get("ended", ending.COMPLETE)
+    if ending.next_part(ended) is not None:
+        return ok("end", "the end of a part, not of the recording")
     if problem := ending.shortfall(ended):
         return warning("end", problem)
+    if last.lost_camera is not None:
+        text = f"{ended}, but no frame came any more after: {last.lost_camera}"
+        if seconds := said.get("connection_lost_s"):
+            text += f" (in all {seconds} s without a connection)"
+        return warning("end", text)
     return ok("end", ended)
 
 
 def parts(facts: Facts) -> Verdict:
-    """No part of the recording is missing."""
-    if gone := facts.log.missing_parts:
-        return warning("parts", gone)
-    return ok("parts", "one log" if len(facts.parts) == 1 else f"all {len(facts.parts)} parts")
+    """No part of the recording is missing; one before or after those that are here is no hole."""
+    here = [part.number for part in facts.parts]
+    gone = [n for n in range(1, here[-1]) if n not in here]
+    goes_on = ending.next_part((facts.parts[-1].end or {}).get("ended", ""))
+    if not gone and goes_on is None:
+        return ok("parts", "one log" if len(here) == 1 else f"all {len(here)} parts")
+    # Frame numbers and seconds count from the recording's first image in every part.
+    before = np.repeat(facts.unseen, [part.images for part in facts.parts])
+    hidden = np.diff(before, prepend=0) > 0
+    frames = int((np.diff(facts.indices, prepend=-1) - 1)[hidden].sum())
+    seconds = float(np.diff(facts.seconds, prepend=0.0)[hidden].sum())
+    texts = []
+    if gone:
+        noun = "part" if len(gone) == 1 else "parts"
+        numbers = ", ".join(map(str, gone))
+        texts.append(f"without {noun} {numbers}: {counted(frames, 'frame')} in {seconds:.3f} s")
+    if goes_on is not None:
+        texts.append(f"the recording goes on in {goes_on}, which is not here")
+    hole = any(number > here[0] for number in gone)
+    return (failed if hole else warning)(
+        "parts",
+        "; ".join(texts),
+        missing_parts=gone,
+        frames_missing=frames,
+        seconds_missing=seconds,
+    )
 
 
 def checksums(facts: Facts) -> Verdict:
@@ -65,12 +93,12 @@ def counts(facts: Facts) -> Verdict:
     found = {"frames_written": len(facts.indices), "events": sum(p.events for p in facts.parts)}
     if not facts.unseen.any():
         found["frames_stamped_back"] = back
-    if len(facts.sizes) <= 1:
-        found["frames_corrupt"] = facts.cut
     for name, number in found.items():
         said = facts.said(name)
         if said is not None and said != number:
             return failed("counts", f"{name}: the log says {said}, {number} are there")
+    if text := _other_corrupt(facts):
+        return failed("counts", text)
     dropped = facts.said("frames_dropped")
     if dropped is not None and dropped < missing:
         text = f"frames_dropped: the log says {dropped}, {missing} numbers are missing"
@@ -78,20 +106,21 @@ def counts(facts: Facts) -> Verdict:
     return ok("counts", f"{counted(len(facts.indices), 'frame')}, as the log says")
 
 
-def gaps(facts: Facts) -> Verdict:
-    """No frames were lost."""
-    steps = np.diff(facts.indices)
-    if (steps <= 0).any():
-        after = int(facts.indices[np.flatnonzero(steps <= 0)[0]])
-        return failed("gaps", f"frame numbers do not increase after frame {after}")
-    missing = int((steps - 1).sum())
-    dropped = max(missing, facts.said("frames_dropped") or 0)
-    if not dropped:
-        return ok("gaps", "no frame is missing")
-    share = 100 * dropped / (dropped + len(facts.indices))
-    where = ""
-    if missing:
-        longest = int(np.argmax(steps))
-        at_s = float(facts.seconds[longest])
-        where = f"; most, {int(steps[longest]) - 1}, at {at_s:.3f} s"
-    return warning("gaps", f"{counted(dropped, 'frame')} lost ({share:.2g} %){where}")
+def _other_corrupt(facts: Facts) -> str | None:
+    """What is wrong with the number of corrupt images that the log says.
+
+    A recorder looks at every image from outside, and into some; what it finds inside may be counted
+    in the next part.
+    """
+    said = facts.said("frames_corrupt")
+    if said is None or len(facts.sizes) > 1:
+        return None
+    most = facts.cut
+    if inside := facts.said("frames_inspected"):
+        if facts.unseen.any() or not facts.decoded:
+            most += inside
+        else:
+            most = len(facts.faults)
+    if facts.cut <= said <= most:
+        return None
+    return f"frames_corrupt: the log says {said}, {most if said > most else facts.cut} are there"

@@ -15,7 +15,7 @@ RULES: tuple[Callable[[Facts], Verdict], ...] = (
     file_rules.checksums,
     file_rules.index,
     file_rules.counts,
-    file_rules.gaps,
+    time_rules.gaps,
     time_rules.stamps,
     time_rules.rate,
     time_rules.arrivals,

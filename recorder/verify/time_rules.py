@@ -1,4 +1,4 @@
-"""Rules on the frames' times."""
+"""Rules on the frames' numbers and times."""
 
 from __future__ import annotations
 
@@ -6,14 +6,46 @@ import numpy as np
 
 from recorder.info_text import counted
 from recorder.verify.facts import Facts
+from recorder.verify.limits import IRREGULAR_NOTED_PERCENT, IRREGULAR_PERCENT, LOST_PERCENT
 from recorder.verify.verdict import Verdict, failed, ok, warning
 
-# An interval is regular within half of the usual one; so many of a hundred may be otherwise.
-_REGULAR = 0.5
-_IRREGULAR_PERCENT = 1.0
 # A pause is as long as so many intervals.
 _PAUSE = 5.0
 _CLOCKS_S = 1.0
+
+
+def gaps(facts: Facts) -> Verdict:
+    """Few frames were lost: by their numbers, and in pauses that have none."""
+    steps = np.diff(facts.indices)
+    if (steps <= 0).any():
+        after = int(facts.indices[np.flatnonzero(steps <= 0)[0]])
+        return failed("gaps", f"frame numbers do not increase after frame {after}")
+    pace = facts.pace
+    missing = np.where(facts.adjoin, steps - 1, 0)
+    numbered = int(missing.sum())
+    told = max((facts.said("frames_dropped") or 0) - numbered, 0)
+    paused = int(pace.lost.sum()) if pace is not None else 0
+    lost = numbered + told + paused
+    percent = 100 * lost / max(lost + len(facts.indices), 1)
+    seconds = lost * pace.usual_ns / 1e9 if pace is not None else None
+    values = {"frames_lost": lost, "percent_lost": percent, "frames_lost_in_pauses": paused}
+    if seconds is not None:
+        values["seconds_lost"] = seconds
+    if not lost:
+        return ok("gaps", "no frame is missing", **values)
+    kinds = ((numbered, "by number"), (paused, "in pauses"), (told, "counted by the recorder"))
+    text = f"{counted(lost, 'frame')} lost, {percent:.3g} % (limit {LOST_PERCENT:g} %)"
+    text += "" if seconds is None else f", {seconds:.3f} s"
+    text += ": " + ", ".join(f"{number} {kind}" for number, kind in kinds if number)
+    holes = missing + (pace.lost if pace is not None else 0)
+    if holes.any():
+        longest = int(np.argmax(holes))
+        pause_s, at_s = np.diff(facts.seconds)[longest], facts.seconds[longest]
+        frame = int(facts.indices[longest])
+        most = int(holes[longest])
+        text += f"; most, {most} in {pause_s:.3f} s, after frame {frame} at {at_s:.3f} s"
+    level = failed if percent > LOST_PERCENT else warning
+    return level("gaps", text, **values)
 
 
 def stamps(facts: Facts) -> Verdict:
@@ -26,32 +58,42 @@ def stamps(facts: Facts) -> Verdict:
         return failed("stamps", f"they jump back {times}, first at frame {frame} by {by_s:.6f} s")
     if len(still := np.flatnonzero(steps == 0)):
         frame = int(facts.indices[still[0] + 1])
-        return warning("stamps", f"{len(still)} frames at the time of another, first {frame}")
+        percent = 100 * len(still) / len(steps)
+        text = f"{counted(len(still), 'frame')} at the time of another, first {frame}: "
+        text += f"{percent:.3g} % (limit {IRREGULAR_PERCENT:g} %)"
+        level = failed if percent > IRREGULAR_PERCENT else warning
+        return level("stamps", text, percent_still=percent)
     return ok("stamps", "each is later than the one before")
 
 
 def rate(facts: Facts) -> Verdict:
     """Frames come regularly."""
-    numbers, times_ns = facts.indices, facts.timestamps_ns
-    steps_ns = np.diff(times_ns)[np.diff(numbers) == 1]
-    usual_ns = float(np.median(steps_ns)) if len(steps_ns) else 0.0
-    if usual_ns <= 0:
+    pace = facts.pace
+    if pace is None:
         return ok("rate", "too few frames to tell")
-    odd = np.abs(steps_ns - usual_ns) > _REGULAR * usual_ns
-    percent = 100 * float(odd.mean())
-    hz = f"{1e9 / usual_ns:.2f} frames/s"
-    longest_s = float(steps_ns.max()) / 1e9
-    if longest_s * 1e9 > _PAUSE * usual_ns:
-        before = int(np.argmax(np.where(np.diff(numbers) == 1, np.diff(times_ns), 0)))
-        frame = int(numbers[before])
-        return warning("rate", f"{hz}, but a pause of {longest_s:.3f} s after frame {frame}")
-    if percent > _IRREGULAR_PERCENT:
-        return warning(
-            "rate",
-            f"{hz}, but {percent:.1f} % of the intervals are off by half of one or more; "
-            f"the longest is {longest_s:.3f} s",
-        )
-    return ok("rate", f"{hz}, {percent:.1f} % of the intervals off by half of one or more")
+    percent = 100 * float(pace.off[pace.there].mean())
+    hz = 1e9 / pace.usual_ns
+    values = {"rate_hz": hz, "percent_irregular": percent}
+    irregular = f"{percent:.1f} % of the intervals off by half of one or more"
+    text = f"{hz:.2f} frames/s, "
+    if percent > IRREGULAR_PERCENT:
+        return failed("rate", f"{text}but {irregular} (limit {IRREGULAR_PERCENT:g} %)", **values)
+    unusual = []
+    steps_ns = np.diff(facts.timestamps_ns)
+    made_up = np.where(pace.there & ~pace.lossy, pace.passed, 0.0)
+    longest = int(np.argmax(made_up))
+    if made_up[longest] - np.diff(facts.indices)[longest] > _PAUSE:
+        pause_s, frame = steps_ns[longest] / 1e9, int(facts.indices[longest])
+        unusual.append(f"a pause of {pause_s:.3f} s after frame {frame}, its frames in a burst")
+    if percent > IRREGULAR_NOTED_PERCENT:
+        unusual.append(f"{irregular} (limit {IRREGULAR_PERCENT:g} %)")
+    changed = 100 * float(steps_ns[pace.changed].sum() / steps_ns[pace.there].sum())
+    if changed > IRREGULAR_NOTED_PERCENT:
+        other_hz = 1e9 / float(np.median(pace.expected_ns[pace.changed]))
+        unusual.append(f"{other_hz:.2f} for {changed:.3g} % of the time")
+    if unusual:
+        return warning("rate", f"{text}but {'; '.join(unusual)}", **values)
+    return ok("rate", text + irregular, **values)
 
 
 def arrivals(facts: Facts) -> Verdict:

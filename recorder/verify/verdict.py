@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 Level = Literal["ok", "warning", "failed"]
+Value = float | Sequence[int]
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """One rule's; `text` is one line."""
+    """One rule's; `text` is one line, `values` are the numbers in it, for programs."""
 
     rule: str
     level: Level
     text: str
+    values: Mapping[str, Value] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -44,13 +47,13 @@ class LogVerdict:
         }
 
 
-def ok(rule: str, text: str) -> Verdict:
-    return Verdict(rule, "ok", text)
+def ok(rule: str, text: str, **values: Value) -> Verdict:
+    return Verdict(rule, "ok", text, values)
 
 
-def warning(rule: str, text: str) -> Verdict:
-    return Verdict(rule, "warning", text)
+def warning(rule: str, text: str, **values: Value) -> Verdict:
+    return Verdict(rule, "warning", text, values)
 
 
-def failed(rule: str, text: str) -> Verdict:
-    return Verdict(rule, "failed", text)
+def failed(rule: str, text: str, **values: Value) -> Verdict:
+    return Verdict(rule, "failed", text, values)
