@@ -96,15 +96,15 @@ def _calibrate(
     """
     import json
 
-    from recorder.files.output_file import check_free, write_together
+    from recorder.files.output_file import HTML, YAML, check_free, check_suffix, write_together
     from replay.calibration import report as reports
     from replay.calibration.picture import picture
     from replay.calibration.session import calibrate_source
 
     board, lens = _board(board_text), _lens(model, zero)
     page = report_path or output.with_suffix(".html")
-    if page.resolve() == output.resolve():
-        raise click.UsageError(f"expected another file for the report than {output}")
+    check_suffix(output, YAML)
+    check_suffix(page, HTML)
     for path in (output, page):
         check_free(path, force=force)
     session = calibrate_source(

@@ -15,6 +15,15 @@ from pipeline.geometry import Array, Pose
 from replay.calibration.board import Board, Charuco, Chessboard
 from replay.calibration.views import Gathered, View
 
+# Between a plain lens and a fisheye; small, so that drawing is quick.
+CAMERA = Camera(
+    640,
+    480,
+    np.array([[420.0, 0.0, 322.5], [0.0, 421.5, 236.0], [0.0, 0.0, 1.0]]),
+    "plumb_bob",
+    np.array([-0.2, 0.05, 0.0005, -0.0008, 0.0]),
+)
+
 # White around the print, in squares.
 _MARGIN = 1
 
@@ -65,6 +74,16 @@ def exact_views(
 
 def gathered(camera: Camera, views: Sequence[View]) -> Gathered:
     return Gathered(camera.image_size, tuple(views), ())
+
+
+def draw(board: Board, count: int, seed: int) -> list[GrayImage]:
+    """Noisy pictures by `CAMERA`."""
+    noise = np.random.default_rng(seed)
+    images = pictures(CAMERA, board, board_poses(CAMERA, board, count, seed))
+    return [
+        np.asarray(np.clip(image + noise.normal(0, 2, image.shape), 0, 255), np.uint8)
+        for image in images
+    ]
 
 
 def pictures(camera: Camera, board: Board, poses: Sequence[Pose]) -> list[GrayImage]:

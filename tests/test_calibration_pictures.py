@@ -20,31 +20,14 @@ from recorder.files.output_file import write_together
 from recorder.log.reader import LogReader
 from recorder.log.writer import LogWriter
 from recorder.sources.base import CapturedFrame
-from replay.calibration.board import Board, Charuco, Chessboard
+from replay.calibration.board import Charuco, Chessboard
 from replay.calibration.corners import CornerFinder, blur, charuco_layout
 from replay.calibration.frames import Frames
 from replay.calibration.views import gather
-from tests.boards import board_poses, pictures
+from tests.boards import CAMERA, board_poses, draw, pictures
 
 CHESSBOARD = Chessboard(8, 6, 0.03)
 CHARUCO = Charuco(8, 6, 0.03, 0.022, "DICT_4X4_50")
-# Between a plain lens and a fisheye; small, so that drawing is quick.
-CAMERA = Camera(
-    640,
-    480,
-    np.array([[420.0, 0.0, 322.5], [0.0, 421.5, 236.0], [0.0, 0.0, 1.0]]),
-    "plumb_bob",
-    np.array([-0.2, 0.05, 0.0005, -0.0008, 0.0]),
-)
-
-
-def draw(board: Board, count: int, seed: int) -> list[GrayImage]:
-    noise = np.random.default_rng(seed)
-    images = pictures(CAMERA, board, board_poses(CAMERA, board, count, seed))
-    return [
-        np.asarray(np.clip(image + noise.normal(0, 2, image.shape), 0, 255), np.uint8)
-        for image in images
-    ]
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +73,8 @@ def test_a_folder_of_chessboards(chessboards: list[GrayImage], tmp_path: Path) -
     check(camera, report)
     page = (tmp_path / "camera.html").read_text()
     assert "data:image/png;base64," in page
-    assert "07.png" in page
+    # A cell that wraps, however long the name.
+    assert '<td class="text name">07.png</td>' in page
     assert "http" not in page
 
     # The same again gives the same files, and only when asked to.

@@ -1,12 +1,34 @@
-"""A file as the output of a command: whole or not there, and never over another unasked."""
+"""A file as the output of a command: named as what it is, whole, never over another unasked."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from recorder.errors import InputError
+
+YAML = (".yaml", ".yml")
+HTML = (".html", ".htm")
+LOG = (".mcap",)
+
+
+def check_suffix(path: Path | None, known: Sequence[str]) -> None:
+    """Before the work: what is written is later read, and told from other files, by its suffix.
+
+    Args:
+        path: None where nothing is to be written.
+        known: in lower case; either case is good.
+
+    Raises:
+        InputError: `path` ends in none of them.
+    """
+    if path is None or path.suffix.lower() in known:
+        return
+    *others, last = known
+    wanted = f"{', '.join(others)} or {last}" if others else last
+    found = path.suffix or "no suffix"
+    raise InputError(path, f"expected {wanted}, found {found}, for the file to write")
 
 
 def check_free(path: Path, *, force: bool) -> None:
@@ -41,7 +63,7 @@ def write_whole(path: Path, data: bytes) -> None:
     """
     temporary = _temporary(path)
     try:
-        temporary.write_bytes(data)
+        _write(temporary, data, path)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
@@ -61,7 +83,7 @@ def write_together(files: Mapping[Path, bytes], *, force: bool) -> None:
     try:
         # A full disk shows before anything is replaced.
         for path, data in files.items():
-            temporaries[path].write_bytes(data)
+            _write(temporaries[path], data, path)
         for path, temporary in temporaries.items():
             earlier = path.read_bytes() if path.exists() else None
             temporary.replace(path)
@@ -76,6 +98,14 @@ def write_together(files: Mapping[Path, bytes], *, force: bool) -> None:
     finally:
         for temporary in temporaries.values():
             temporary.unlink(missing_ok=True)
+
+
+def _write(temporary: Path, data: bytes, path: Path) -> None:
+    try:
+        temporary.write_bytes(data)
+    except OSError as error:
+        # A full disk names no file, a folder without permission the temporary one.
+        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def _temporary(path: Path) -> Path:

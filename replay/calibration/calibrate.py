@@ -19,7 +19,7 @@ from replay.calibration.heldout import Candidate, HeldOut, candidates, held_out
 from replay.calibration.lens import Lens
 from replay.calibration.outliers import without_outliers
 from replay.calibration.uncertainty import projection_std_px
-from replay.calibration.views import Gathered, SetAside, View
+from replay.calibration.views import Gathered, SetAside, View, kinds_of_reasons
 
 FEWEST_VIEWS = 10
 
@@ -123,11 +123,7 @@ def calibrate(
 
 def too_few(gathered: Gathered, board: Board, poses: Sequence[Array | None]) -> str:
     """One line: how many usable views there are, why not more, and which to take."""
-    reasons: dict[str, int] = {}
-    for one in gathered.set_aside:
-        reason = "like another view" if one.reason.startswith("like ") else one.reason
-        reason = reason.split(":")[0]
-        reasons[reason] = reasons.get(reason, 0) + 1
+    reasons = kinds_of_reasons(one.reason for one in gathered.set_aside)
     images = "image" if gathered.looked_at == 1 else "images"
     text = (
         f"expected at least {FEWEST_VIEWS} usable views of {board}, found {len(gathered.views)} "

@@ -11,6 +11,7 @@ import numpy as np
 from pipeline.detection import GrayImage
 from pipeline.geometry import Array
 from replay.calibration.board import Board, Charuco, Layout
+from replay.calibration.marker_size import marker_share
 
 # Large images are searched in a smaller copy first; corners are refined in the image itself.
 _SEARCH_PX = 960
@@ -43,11 +44,14 @@ class Corners:
         pixels: (N, 2).
         blur_px: sigma of the Gaussian that would make a step as soft as the board's edges; of
             edges in two directions the softer ones, so that motion blur counts in full.
+        marker_share: the side of a ChArUco board's markers as a share of the squares', where it
+            can be measured.
     """
 
     ids: np.typing.NDArray[np.int64]
     pixels: Array
     blur_px: float
+    marker_share: float | None = None
 
 
 class CornerFinder:
@@ -69,18 +73,22 @@ class CornerFinder:
         """The corners, or in words why there are none to use."""
         if self._charuco is not None:
             ids, pixels = _find_charuco(image, self._charuco)
-            pixels = _refined(image, ids, pixels, self.board)
         else:
             ids, pixels = self._find_chessboard(image)
         if not len(ids):
             return "the board was not found"
-        if not np.isfinite(pixels).all():
-            return "the board's corners are not finite"
         rows, cols = np.divmod(ids, self.board.corner_shape[0])
         lines = min(len(np.unique(rows)), len(np.unique(cols)))
         if len(ids) < FEWEST_CORNERS or lines < _FEWEST_LINES:
-            return f"only {len(ids)} corners of the board were found"
-        return Corners(ids, pixels, blur(image, ids, pixels, self.board.corner_shape[0]))
+            return f"too few corners of the board were found: {len(ids)}"
+        if isinstance(self.board, Charuco):
+            pixels = _refined(image, ids, pixels, self.board)
+        if not np.isfinite(pixels).all():
+            return "the board's corners are not finite"
+        share = None
+        if isinstance(self.board, Charuco):
+            share = marker_share(image, ids, pixels, self.board)
+        return Corners(ids, pixels, blur(image, ids, pixels, self.board.corner_shape[0]), share)
 
     def _find_chessboard(self, image: GrayImage) -> tuple[np.typing.NDArray[np.int64], Array]:
         shape = self.board.corner_shape
@@ -197,8 +205,6 @@ def _refined(
     image: GrayImage, ids: np.typing.NDArray[np.int64], pixels: Array, board: Board
 ) -> Array:
     """The corners where the grey values have their saddles; those that run away stay."""
-    if not len(ids):
-        return pixels
     windows = np.clip(_windows_px(ids, pixels, board), *_WINDOWS_PX).astype(np.int64)
     refined = pixels.copy()
     for half in np.unique(windows):

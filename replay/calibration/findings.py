@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from replay.calibration.board import Charuco
 from replay.calibration.calibrate import Calibration
 from replay.calibration.heldout import Candidate, as_good_and_simpler, better
 from replay.calibration.lens import Lens
+from replay.calibration.marker_size import as_measured
 
 _COVERED = 0.6
 _FOCAL_SHARE = 0.01
@@ -35,9 +37,24 @@ def lens_options(lens: Lens) -> str:
 def warnings(calibration: Calibration) -> list[str]:
     """One line each; none for a calibration to be trusted."""
     return [
+        *_of_board(calibration),
         *_of_views(calibration),
         *_of_uncertainty(calibration),
         *_of_lens(calibration),
+    ]
+
+
+def _of_board(calibration: Calibration) -> list[str]:
+    board = calibration.board
+    if not isinstance(board, Charuco):
+        return []
+    measured = as_measured(board, [view.marker_share for view in calibration.views])
+    if measured is None:
+        return []
+    return [
+        f"the markers measure {measured.marker_m / board.square_m:.2f} of the squares' side, about "
+        f"{measured.marker_m:g} m in squares of {board.square_m:g} m, not {board.marker_m:g} m: if "
+        f"the squares' side is right, --board {measured}; else measure both"
     ]
 
 

@@ -14,12 +14,13 @@ from typing import TypeVar
 
 from pipeline.detection import GrayImage
 from recorder.errors import InputError
-from recorder.log.reader import LogImage, LogReader
+from recorder.image_decoding import decode_gray
+from recorder.log.reader import LogReader
+from recorder.log.records import LogImage
 from recorder.sources.base import CapturedFrame
 from recorder.sources.images import ImagesSource
 from recorder.sources.live.http_mjpeg import without_password
 from recorder.sources.opening import SourceOptions, open_source
-from replay.stages import decode
 
 T = TypeVar("T")
 
@@ -85,7 +86,7 @@ class Frames:
 
     def images(self) -> Iterator[GrayImage]:
         """Those that can be decoded, one after the other."""
-        decoded = (decode(frame.data) for frame in self)
+        decoded = (decode_gray(frame.data) for frame in self)
         return (image for image in decoded if image is not None)
 
     def map(self, work: Callable[[GrayImage | None], T]) -> Iterator[tuple[Frame, T]]:
@@ -96,7 +97,7 @@ class Frames:
             try:
                 for frame in self:
                     waiting.append(
-                        (frame, pool.submit(lambda data: work(decode(data)), frame.data))
+                        (frame, pool.submit(lambda data: work(decode_gray(data)), frame.data))
                     )
                     if len(waiting) > 2 * jobs:
                         first, done = waiting.popleft()

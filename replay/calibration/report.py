@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-from collections import Counter
 from importlib import resources
 from typing import Any
 
@@ -14,6 +13,7 @@ from replay.calibration.calibrate import Calibration
 from replay.calibration.findings import lens_text, warnings
 from replay.calibration.heldout import HOW
 from replay.calibration.session import Session
+from replay.calibration.views import kinds_of_reasons
 from replay.versions import versions
 
 
@@ -97,7 +97,7 @@ def as_text(report: dict[str, Any]) -> str:
     lines = [
         f"{report['source']}: {report['board']}, {len(report['views'])} views used, "
         f"{len(report['set_aside'])} images set aside{_thinned(report)}",
-        *(f"  {n:4} {reason}" for reason, n in reasons(report).items()),
+        *(f"  {n:4} {reason}" for reason, n in _reasons(report).items()),
         f"  {report['model']}: rms {report['rms_px']:.3f} px, on held-out views "
         f"{_shown(held['rms_px'], 3)} px",
         f"  {'':10}{'value':>12}{'std':>10}{'by views':>10}",
@@ -115,15 +115,6 @@ def as_text(report: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def reasons(report: dict[str, Any]) -> dict[str, int]:
-    """How many images were set aside for which kind of reason, the most frequent first."""
-    counts: Counter[str] = Counter()
-    for entry in report["set_aside"]:
-        reason = entry["reason"].split(":")[0]
-        counts["like another view" if reason.startswith("like ") else reason] += 1
-    return dict(counts.most_common())
-
-
 def as_page(report: dict[str, Any], picture_png: bytes) -> str:
     """One HTML page with everything in it."""
     import jinja2
@@ -133,7 +124,7 @@ def as_page(report: dict[str, Any], picture_png: bytes) -> str:
     template = resources.files("replay.calibration").joinpath("report.html.j2").read_text("utf-8")
     return environment.from_string(template).render(
         report=report,
-        reasons=reasons(report),
+        reasons=_reasons(report),
         picture=base64.b64encode(picture_png).decode(),
     )
 
@@ -146,6 +137,10 @@ def camera_file(calibration: Calibration, report: dict[str, Any]) -> bytes:
         "views.\n"
     )
     return about.encode() + camera_yaml(calibration.camera)
+
+
+def _reasons(report: dict[str, Any]) -> dict[str, int]:
+    return kinds_of_reasons(entry["reason"] for entry in report["set_aside"])
 
 
 def _thinned(report: dict[str, Any]) -> str:

@@ -14,7 +14,8 @@ from replay.calibration.calibrate import Calibration, calibrate
 from replay.calibration.corners import charuco_layout
 from replay.calibration.frames import Frames
 from replay.calibration.lens import Lens
-from replay.calibration.views import gather
+from replay.calibration.marker_size import as_measured
+from replay.calibration.views import Gathered, gather
 from replay.calibration.wrong_board import wrong_board
 
 
@@ -73,19 +74,13 @@ def calibrate_source(
                 "assumed"
             )
         board = board.with_layout(layout or "new")
-    with tqdm(
-        total=len(frames),
-        unit="image",
-        desc=source.name,
-        disable=None if progress else True,
-        file=sys.stderr,
-    ) as bar:
-
-        def looked(found: int) -> None:
-            bar.set_postfix(views=found, refresh=False)
-            bar.update()
-
-        gathered = gather(frames, board, looked)
+    gathered = _gathered(frames, board, source.name, progress=progress)
+    if isinstance(board, Charuco):
+        seen = as_measured(board, [view.marker_share for view in gathered.views])
+        if seen is not None:
+            # Corners are searched for from the markers: with the size given, some would be off by
+            # half a pixel and more. The calibration warns of it.
+            gathered = _gathered(frames, seen, f"{source.name}, again", progress=progress)
     if frames.warning:
         notes.append(frames.warning)
     if not gathered.views and (hint := wrong_board(frames, board)):
@@ -96,3 +91,19 @@ def calibrate_source(
             tick=bar.set_description_str,
         )  # fmt: skip
     return Session(source, frames.total, gathered.looked_at, calibration, tuple(notes))
+
+
+def _gathered(frames: Frames, board: Board, what: str, *, progress: bool) -> Gathered:
+    with tqdm(
+        total=len(frames),
+        unit="image",
+        desc=what,
+        disable=None if progress else True,
+        file=sys.stderr,
+    ) as bar:
+
+        def looked(found: int) -> None:
+            bar.set_postfix(views=found, refresh=False)
+            bar.update()
+
+        return gather(frames, board, looked)

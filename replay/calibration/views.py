@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -32,6 +33,7 @@ class View:
         points_m: (N, 3) the corners found, in the board's frame.
         pixels: (N, 2) where they are in the image.
         outline_px: (4, 2) the outer corners of the whole board's grid by homography.
+        marker_share: as of `Corners`.
     """
 
     name: str
@@ -39,6 +41,7 @@ class View:
     pixels: Array
     blur_px: float
     outline_px: Array
+    marker_share: float | None = None
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,15 @@ class Gathered:
     @property
     def looked_at(self) -> int:
         return len(self.views) + len(self.set_aside)
+
+
+def kinds_of_reasons(reasons: Iterable[str]) -> dict[str, int]:
+    """How many images were set aside for which kind of reason, the most frequent first."""
+    counts: Counter[str] = Counter()
+    for reason in reasons:
+        kind = reason.split(":")[0]
+        counts["like another view" if kind.startswith("like ") else kind] += 1
+    return dict(counts.most_common())
 
 
 def gather(
@@ -125,7 +137,14 @@ def _view(name: str, corners: Corners, board: Board) -> View | str:
         return "the corners found are not those of a plane"
     matrix = np.asarray(homography, dtype=np.float64)
     outline_px = cv2.perspectiveTransform(outline[None, :, :2].copy(), matrix)[0]
-    return View(name, points, corners.pixels, corners.blur_px, np.asarray(outline_px))
+    return View(
+        name,
+        points,
+        corners.pixels,
+        corners.blur_px,
+        np.asarray(outline_px),
+        corners.marker_share,
+    )
 
 
 def _add(

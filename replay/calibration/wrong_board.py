@@ -8,11 +8,14 @@ from itertools import islice
 import cv2
 import numpy as np
 
-from replay.calibration.board import Board, Charuco, Chessboard
+from replay.calibration.board import Board, Charuco, Chessboard, Layout
 from replay.calibration.corners import CornerFinder, charuco_layout
 from replay.calibration.frames import Frames
+from replay.calibration.marker_size import as_measured
 
 _TRIED = 10
+# A board is found with markers of half to one and a half times this size.
+_USUAL_SHARE = 0.7
 
 
 def wrong_board(frames: Frames, board: Board) -> str | None:
@@ -52,6 +55,20 @@ def _wrong_markers(frames: Frames, board: Charuco) -> str:
             f"expected the markers 0 to {last} of {board}, found also {foreign[0]}: are the "
             "numbers of columns and rows right?"
         )
+    usual = _seen(frames, replace(board, marker_m=_USUAL_SHARE * board.square_m))
+    if usual is not None:
+        measured = as_measured(board.with_layout(usual[0]), usual[1])
+        if measured is not None:
+            return (
+                f"expected markers of {board.marker_m:g} m in squares of {board.square_m:g} m, "
+                f"found them of about {measured.marker_m:g} m: --board {measured}"
+            )
+    turned = replace(board, cols=board.rows, rows=board.cols)
+    if turned.cols != board.cols and (found := _seen(frames, turned)) is not None:
+        return (
+            f"expected a board of {board.cols}x{board.rows} squares, found one of "
+            f"{turned.cols}x{turned.rows}: --board {turned.with_layout(found[0])}"
+        )
     unknown = replace(board, layout=None)
     layout = charuco_layout(islice(frames.images(), _TRIED), unknown)
     if layout not in (None, board.layout):
@@ -60,3 +77,13 @@ def _wrong_markers(frames: Frames, board: Charuco) -> str:
         f"found markers of {board.dictionary}, but not where {board} has them: are the numbers "
         "of columns and rows right?"
     )
+
+
+def _seen(frames: Frames, board: Charuco) -> tuple[Layout, list[float | None]] | None:
+    """The layout in which some images show the board, and its `marker_share` in each of them."""
+    for layout in replace(board, layout=None).layouts:
+        finder = CornerFinder(board.with_layout(layout))
+        found = [finder(image) for image in islice(frames.images(), _TRIED)]
+        if shares := [one.marker_share for one in found if not isinstance(one, str)]:
+            return layout, shares
+    return None
