@@ -317,11 +317,13 @@ class MjpegServer:
 class MjpegProcess:
     """The same in a process of its own, so that it costs its clients nothing but the wire."""
 
-    def __init__(self, script: Script, log: Path) -> None:
+    module = "tests.mjpeg_server"
+
+    def __init__(self, script: Script, log: Path, *more: str) -> None:
         self.script = script
         self._log = log
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.mjpeg_server", script.to_json(), str(log)],
+            [sys.executable, "-m", self.module, script.to_json(), str(log), *more],
             stdout=subprocess.PIPE,
             stdin=subprocess.PIPE,
             cwd=Path(__file__).resolve().parents[1],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from pipeline.geometry import Pose
 from recorder.files.camera_file import camera_yaml
 from recorder.files.map_file import map_yaml
 from tests import worlds
-from tests.mjpeg_server import Frames, MjpegServer, Script
+from tests.mjpeg_server import Frames, MjpegProcess, MjpegServer, Script
 
 ATTACHMENTS = {
     "camera.yaml": camera_yaml(worlds.camera(ideal=True)),
@@ -34,9 +35,9 @@ def pictures() -> tuple[bytes, ...]:
 class PictureFrames(Frames):
     """The pictures, each with its number in a comment."""
 
-    def __init__(self, script: Script) -> None:
+    def __init__(self, script: Script, jpegs: Sequence[bytes]) -> None:
         super().__init__(script)
-        starts = [data[:-2] for data in pictures()]
+        starts = [data[:-2] for data in jpegs]
         self._starts = [(start, hashlib.sha256(start)) for start in starts]
 
     def good(self, number: int) -> tuple[bytes, str]:
@@ -48,15 +49,27 @@ class PictureFrames(Frames):
 
 
 class PictureServer(MjpegServer):
-    """Serves the pictures to a script."""
+    """Serves the pictures, or other JPEGs, to a script."""
 
-    def __init__(self, script: Script, log: Path | None = None) -> None:
-        frames = PictureFrames(script)
+    def __init__(
+        self, script: Script, log: Path | None = None, jpegs: Sequence[bytes] | None = None
+    ) -> None:
+        frames = PictureFrames(script, jpegs or pictures())
         super().__init__(script, log)
         self._frames = frames
 
 
+class PictureProcess(MjpegProcess):
+    """Serves the JPEGs of a folder, by name, from a process of its own."""
+
+    module = "tests.picture_server"
+
+    def __init__(self, script: Script, log: Path, folder: Path) -> None:
+        super().__init__(script, log, str(folder))
+
+
 if __name__ == "__main__":
-    server = PictureServer(Script.from_json(sys.argv[1]), Path(sys.argv[2]))
+    jpegs = [path.read_bytes() for path in sorted(Path(sys.argv[3]).iterdir())]
+    server = PictureServer(Script.from_json(sys.argv[1]), Path(sys.argv[2]), jpegs)
     print(server.url, flush=True)
     server.wait()

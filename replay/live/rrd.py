@@ -6,7 +6,8 @@ from pathlib import Path
 
 from rerun.chunk import RrdReader
 
-from recorder.log.reader import LogEvent, LogImage, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogEvent, LogImage
 from replay.viewer.events import LogEvents
 from replay.viewer.layout import results_layout
 from replay.viewer.output import RecordingFile
@@ -22,7 +23,7 @@ def complete_rrd(rrd: Path, result_name: str, reader: LogReader, log_id: str) ->
     rrd.rename(raw)
     file = RecordingFile(rrd, log_id, reader.path.stem)
     try:
-        file.stream.send_chunks(RrdReader(raw).stream())
+        file.copy(RrdReader(raw).stream())
         _log_events(file, reader)
         layout = read_layout(ResultRecording(raw, result_name, result_name))
         file.stream.send_blueprint(results_layout([layout]))

@@ -6,7 +6,7 @@ from collections import deque
 
 import rerun as rr
 
-from recorder.log.reader import LogEvent
+from recorder.log.records import LogEvent
 from replay.viewer import scene, style
 
 

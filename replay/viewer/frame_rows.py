@@ -12,7 +12,7 @@ from pipeline.localizer import FrameResult
 from pipeline.markers import MarkerMap
 from pipeline.tracker import TrackState
 from recorder.files.truth_file import Truth
-from recorder.log.reader import LogImage
+from recorder.log.records import LogImage
 from replay.accuracy import distance_to_path
 from replay.viewer import columns, scene, style
 from replay.viewer.drive import WholeDrive

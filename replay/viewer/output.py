@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import rerun as rr
-from rerun.chunk import RrdReader
+from rerun.chunk import Chunk, RrdReader
 
 from replay.viewer import style
 
@@ -30,6 +31,13 @@ class RecordingFile:
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)
         self.stream.send_recording_name(name)
+
+    def copy(self, chunks: Iterable[Chunk]) -> None:
+        """Takes over what another recording holds, with one chunk in memory at a time."""
+        for chunk in chunks:
+            self.stream.send_chunks(chunk)
+            # It would take them as fast as they are read and keep them until the disk has them.
+            self.stream.flush()
 
     def close(self) -> None:
         """

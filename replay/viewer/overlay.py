@@ -40,7 +40,7 @@ def overlay(results: Sequence[ResultRecording], rrd: Path, log_id: str, name: st
     file = RecordingFile(rrd, log_id, name)
     try:
         for k, result in enumerate(results):
-            file.stream.send_chunks(_chunks(result, alone=k == 0))
+            file.copy(_chunks(result, alone=k == 0))
         _restyle(file.stream, layouts)
         file.stream.send_blueprint(results_layout(layouts))
     except BaseException:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.geometry import Array
-from recorder.log.reader import LogEvent, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogEvent
 from replay.stages import pair
 from replay.viewer import columns, scene, style
 from replay.viewer.events import LogEvents

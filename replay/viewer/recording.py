@@ -14,7 +14,7 @@ from pipeline.geometry import Pose
 from pipeline.localizer import FrameResult
 from pipeline.markers import MarkerMap
 from recorder.files.truth_file import Truth
-from recorder.log.reader import LogEvent, LogImage
+from recorder.log.records import LogEvent, LogImage
 from replay.viewer import columns, scene
 from replay.viewer.events import LogEvents
 from replay.viewer.frame_rows import FrameRows

@@ -12,7 +12,6 @@ from itertools import islice
 from pathlib import Path
 
 import cv2
-import numpy as np
 import pytest
 
 from recorder.files.camera_file import parse_camera
@@ -21,6 +20,7 @@ from recorder.sources.base import CapturedFrame
 from recorder.sources.opening import open_source
 from tests.bench.long_logs import rendered, write_repeated
 from tests.bench.page import report
+from tests.bench.plain_loop import plain_loop
 
 pytestmark = pytest.mark.bench
 
@@ -31,32 +31,6 @@ FRAMES, TIMES = 60, 10
 @pytest.fixture(scope="module")
 def drive() -> tuple[dict[str, bytes], list[CapturedFrame]]:
     return rendered("configuration_2", FRAMES)
-
-
-def plain_loop(files: dict[str, bytes], frames: list[CapturedFrame], times: int) -> float:
-    """Seconds to decode, detect and solve with OpenCV alone."""
-    camera = parse_camera(files["camera.yaml"], Path("camera.yaml"))
-    marker_map = parse_map(files["map.yaml"], Path("map.yaml"))
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, marker_map.dictionary))
-    detector = cv2.aruco.ArucoDetector(dictionary, parameters)
-    matrix, coefficients = np.array(camera.camera_matrix), np.array(camera.dist_coeffs)
-    started = time.perf_counter()
-    for _ in range(times):
-        for frame in frames:
-            image = cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_GRAYSCALE)
-            assert image is not None
-            corners, ids, _ = detector.detectMarkers(image)
-            if ids is None:
-                continue
-            known = [i for i, marker_id in enumerate(ids.ravel()) if marker_id in marker_map.by_id]
-            object_points = marker_map.corners_m(int(ids.ravel()[i]) for i in known)
-            pixels = np.concatenate([corners[i].reshape(4, 2) for i in known])
-            cv2.solvePnPRansac(
-                object_points, pixels, matrix, coefficients, flags=cv2.SOLVEPNP_ITERATIVE
-            )
-    return time.perf_counter() - started
 
 
 def run(log: Path, out: Path, *more: str) -> tuple[float, float]:
