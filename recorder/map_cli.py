@@ -95,16 +95,18 @@ def import_(
     WPILib layout are turned, so that the map is right for tags printed from AprilTag's pictures.
     """
     from recorder.files.map_file import map_yaml
-    from recorder.files.output_file import check_free, write_output
+    from recorder.files.output_file import YAML, check_free, check_suffix, write_output
     from recorder.files.yaml_file import read_bytes
+    from recorder.info_text import counted
     from recorder.maps.formats import MapDefaults, format_of, import_map
 
+    check_suffix(output, YAML)
     check_free(output, force=force)
     defaults = MapDefaults(dictionary, size_m, frame, inverted)
     found = import_map(read_bytes(source), source, name or format_of(source), defaults)
     write_output(output, map_yaml(found.marker_map), force=force)
     _say(found.notes)
-    click.echo(f"{output}: {len(found.marker_map.markers)} markers")
+    click.echo(f"{output}: {counted(len(found.marker_map.markers), 'marker')}")
 
 
 @map_group.command(
@@ -137,15 +139,18 @@ def export(
     from recorder.files.map_file import parse_map
     from recorder.files.output_file import check_free, write_output
     from recorder.files.yaml_file import read_bytes
+    from recorder.info_text import counted
     from recorder.maps.formats import export_map, format_of
 
     name = name or format_of(output)
+    if field_m is not None and name != "wpilib":
+        raise click.UsageError(f"--field-m is for wpilib: leave it out for {name}")
     check_free(output, force=force)
     marker_map = parse_map(read_bytes(map_path), map_path)
     made = export_map(marker_map, map_path, name, field_m)
     write_output(output, made.data, force=force)
     _say(made.notes)
-    click.echo(f"{output}: {len(marker_map.markers)} markers, {name}")
+    click.echo(f"{output}: {counted(len(marker_map.markers), 'marker')}, {name}")
 
 
 @map_group.command(
@@ -169,7 +174,8 @@ Example:
     type=click.Choice(["top", "front", "side"]),
     default="top",
     show_default=True,
-    help="From above; along y or against x, for walls.",
+    help="From above, ceilings too: mirrored to what one sees looking up. Along y or against x, "
+    "for walls.",
 )
 @click.option(
     "--dpi", type=click.IntRange(20, 1200), default=200, show_default=True, help="Of a PNG."
@@ -191,6 +197,7 @@ def draw(
     from recorder.files.output_file import check_free, write_output
     from recorder.files.truth_file import check_frame, parse_truth
     from recorder.files.yaml_file import read_bytes
+    from recorder.info_text import counted
     from recorder.maps.plan import PlanOptions, draw_plan, plan_format
 
     kind = plan_format(output)
@@ -213,7 +220,7 @@ def draw(
     if plan.hidden:
         others = " or ".join(f"--view {v}" for v in ("top", "front", "side") if v != view)
         click.echo(f"{plan.hidden} markers lie over each other in this view: {others}", err=True)
-    click.echo(f"{output}: {len(marker_map.markers)} markers, 1 : {plan.scale}")
+    click.echo(f"{output}: {counted(len(marker_map.markers), 'marker')}, 1 : {plan.scale}")
 
 
 def _only(marker_map: MarkerMap, ids: str, map_path: Path) -> MarkerMap:

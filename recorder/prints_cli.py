@@ -61,9 +61,8 @@ def markers(
     """
     from tqdm import tqdm
 
-    from recorder.errors import InputError
     from recorder.files.map_file import parse_map
-    from recorder.files.output_file import check_free, write_output
+    from recorder.files.output_file import check_free, check_suffix, write_output
     from recorder.files.yaml_file import read_bytes
     from recorder.info_text import counted
     from recorder.marker_ids import parse_ids
@@ -82,8 +81,7 @@ def markers(
             f"expected markers of {1000 * _SMALLEST_M:g} mm or more, found {1000 * given_m:g} mm "
             "(--size-mm is in millimetres, --size-m in metres)"
         )
-    if output.suffix.lower() != ".pdf":
-        raise InputError(output, f"expected .pdf, found {output.suffix or 'no suffix'}")
+    check_suffix(output, [".pdf"])
     try:
         page = parse_page(page_name)
     except ValueError as error:

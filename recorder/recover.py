@@ -26,6 +26,7 @@ class Recovered:
     Attributes:
         problem: what was wrong with the log; None where nothing was.
         counts: of the frames that are there; dropped are those whose numbers are missing.
+        attachments: names of the files in the log.
         damage: what was left out in the middle.
     """
 
@@ -34,6 +35,7 @@ class Recovered:
     problem: str | None
     counts: FrameCounts
     duration_s: float
+    attachments: tuple[str, ...]
     damage: tuple[Damage, ...]
 
     def as_dict(self) -> dict[str, Any]:
@@ -44,6 +46,7 @@ class Recovered:
             "problem": self.problem,
             **{name: int(value) for name, value in self.counts.as_metadata().items()},
             "duration_s": self.duration_s,
+            "attachments": list(self.attachments),
             "damage": [vars(piece) for piece in self.damage],
         }
 
@@ -68,7 +71,10 @@ def recover(log: Path, out: Path, *, force: bool = False) -> Recovered:
                 out, attachments=reader.attachments, session=session, force=force
             ) as writer:
                 try:
-                    _copy(reader, writer, counts, shown)
+                    copied = _copy(reader, writer, counts, shown)
+                    if not (copied or reader.attachments or reader.metadata):
+                        found = reader.cut_short or "nothing in it"
+                        raise InputError(log, f"expected something to save, found: {found}")
                     writer.end_as(**_end(reader, counts.counts))
                 except BaseException:
                     writer.discard()
@@ -81,16 +87,20 @@ def recover(log: Path, out: Path, *, force: bool = False) -> Recovered:
             problem=_problem(reader),
             counts=counts.counts,
             duration_s=counts.duration_s,
+            attachments=tuple(reader.attachments),
             damage=reader.damage,
         )
 
 
-def _copy(reader: LogReader, writer: LogWriter, counts: _Counter, shown: set[str]) -> None:
+def _copy(reader: LogReader, writer: LogWriter, counts: _Counter, shown: set[str]) -> int:
+    """How many messages there were."""
+    copied = 0
     for name, values in reader.other_metadata():
         writer.add_metadata(name, values)
     own = topics.SESSION in reader.metadata
     writer.add_metadata("recovered", {"from": reader.path.name, "sha256": reader.sha256()})
     for schema, channel, message in reader.messages():
+        copied += 1
         if channel.topic == topics.IMAGE:
             if not own:
                 # A log of another make may leave it at 0.
@@ -105,6 +115,7 @@ def _copy(reader: LogReader, writer: LogWriter, counts: _Counter, shown: set[str
         # What attachments show to viewers is made anew from them.
         if channel.topic not in shown:
             writer.copy(schema, channel, message)
+    return copied
 
 
 class _Counter:

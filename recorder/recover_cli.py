@@ -26,15 +26,20 @@ def recover(log: Path, output: Path, force: bool, as_json: bool) -> None:
     """
     import json
 
+    from recorder.files.output_file import LOG, check_suffix
     from recorder.info_text import counted
     from recorder.recover import recover as recover_log
 
+    check_suffix(output, LOG)
     found = recover_log(log, output, force=force)
     if as_json:
         click.echo(json.dumps(found.as_dict(), indent=2))
         return
     frames = counted(found.counts.written, "frame")
     click.echo(f"{output}: {frames}, {found.duration_s:.3f} s, {found.counts.dropped} missing")
+    if not found.counts.written:
+        kept = ", ".join(found.attachments) or "all else that was in it"
+        click.echo(f"no images could be read: what is saved is {kept}", err=True)
     for piece in found.damage:
         click.echo(f"left out: {piece}")
     problem = found.problem

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -17,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from recorder.errors import InputError
 from recorder.files.camera_file import parse_camera
 from recorder.image_header import ImageHeader, read_header
+from recorder.log.messages import to_image
 from recorder.log.reader import LogReader
 from recorder.record import record
 from recorder.sources.bags.source import BagSource
@@ -399,6 +401,88 @@ def test_a_bag_that_is_damaged_says_so(tmp_path: Path, ros: Ros) -> None:
         damaged = sum(whole.get(f.frame_index) != f.data for f in frames)
         assert len(frames) + lost >= (source.frame_count() or 0) or damaged
     assert all("\n" not in text for text in refusals)
+
+
+def storage_of(path: Path) -> Path:
+    return path if path.is_file() else next(f for f in path.iterdir() if f.suffix != ".yaml")
+
+
+MENDED_BY = {
+    "ros1": "expected a ROS 1 bag with its index, found one without (cut short?): `rosbag reindex",
+    "mcap": "expected an MCAP with its end, found one without (cut short?): `mcap recover",
+    "sqlite3": r".recover | sqlite3 NEW.db3` saves what is there",
+}
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_cut_bag_names_the_file_and_what_mends_it(tmp_path: Path, ros: Ros, share: float) -> None:
+    path = ros.write(tmp_path, {JPEGS: jpeg_entries(ros, 40)})
+    file = storage_of(path)
+    data = file.read_bytes()
+    file.write_bytes(data[: int(share * len(data))])
+    for spec in (path, file):
+        with pytest.raises(InputError) as caught:
+            open_source(str(spec))
+        assert str(caught.value).startswith(f"{file}: ")
+        assert MENDED_BY[ros.kind] in str(caught.value)
+        assert str(file) in str(caught.value).partition("`")[2]
+    if ros.kind == "sqlite3":
+        assert f"expected an SQLite database of {len(data)} bytes" in str(caught.value)
+
+
+def test_the_first_bytes_alone_are_no_bag_to_mend(tmp_path: Path, ros: Ros) -> None:
+    file = storage_of(ros.write(tmp_path, {JPEGS: jpeg_entries(ros, 2)}))
+    data = file.read_bytes()
+    for size in (1, 8, 40):
+        file.write_bytes(data[:size])
+        with pytest.raises(InputError, match=f"found one cut short after {size} bytes$"):
+            open_source(str(file))
+    file.write_bytes(b"")
+    with pytest.raises(InputError, match=r"found an empty file$"):
+        open_source(str(file))
+    file.write_bytes(b"something else")
+    with pytest.raises(InputError, match=r"found a file that starts with b'somethin'$"):
+        open_source(str(file))
+
+
+def test_a_bag_that_was_never_closed(tmp_path: Path) -> None:
+    """As `rosbag record` leaves it: another name, and no place of an index in its header."""
+    ros = Ros("ros1")
+    path = ros.write(tmp_path, {JPEGS: jpeg_entries(ros, 3)})
+    data = path.read_bytes()
+    at = data.index(b"index_pos=") + len(b"index_pos=")
+    path.write_bytes(data[:at] + bytes(8) + data[at + 8 :])
+    active = path.rename(tmp_path / "b.bag.active")
+    with pytest.raises(InputError, match=f"`rosbag reindex {active}`"):
+        open_source(str(active))
+    with pytest.raises(InputError, match=r"`rosbag reindex "):
+        open_source(str(active.rename(tmp_path / "c.bag")))
+
+
+def test_a_bag_where_a_log_belongs_is_named_as_one(tmp_path: Path, ros: Ros) -> None:
+    file = storage_of(ros.write(tmp_path, {JPEGS: jpeg_entries(ros, 40)}))
+    expected = rf"expected a log, found a ROS bag: `arucolog record {file} -o LOG.mcap`"
+    with pytest.raises(InputError, match=expected):
+        LogReader(file)
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) // 2])
+    with pytest.raises(InputError, match=expected):
+        LogReader(file)
+
+
+def test_a_log_is_no_bag_whatever_else_is_in_it(tmp_path: Path) -> None:
+    """Converters keep the profile of the bag that they put our images beside."""
+    path = tmp_path / "a.mcap"
+    image = to_image(0, encoded(".png"), "png")
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile="ros2", library="a converter")
+        schema = writer.register_schema("foxglove.CompressedImage", "protobuf", b"")
+        channel = writer.register_channel("/camera/image", "protobuf", schema)
+        writer.add_message(channel, 0, image.SerializeToString(), 0)
+        writer.finish()  # type: ignore[no-untyped-call]
+    with LogReader(path) as log:
+        assert len(images(log)) == 1
 
 
 @pytest.mark.parametrize(

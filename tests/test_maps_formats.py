@@ -224,6 +224,7 @@ def test_what_a_format_cannot_hold_is_said() -> None:
         ("fiducial_slam", b"\n1 0 0 0 0 0 x 0 0\n", ["line 2", "'x'"]),
         ("fiducial_slam", b"1 0 0 0 0 0 nan 0 0\n", ["line 1", "finite"]),
         ("fiducial_slam", b"1 0 0 0 0 0 0 0 0\n1 0 0 1 0 0 0 0 0\n", ["id 1 twice"]),
+        ("wpilib", b" \n", ["JSON", "an empty file"]),
         ("csv", b"id,x_m\n", ["header", "marker_id", "found id"]),
         ("csv", b"marker_id,x_m\n1,2,3\n", ["line 2", "2 columns"]),
         ("csv", b"marker_id,x_m\n1,2\n", ["line 2", "y_m, z_m too"]),
@@ -276,3 +277,27 @@ def test_from_the_command_line(tmp_path: Path) -> None:
         assert "AprilTag family" in str(run(*arguments).exception)
     assert not list(tmp_path.glob("d.*"))
     assert "--format" in str(run("export", site, "-o", tmp_path / "x.xml").exception)
+    (tmp_path / "e.csv").write_text("marker_id,x_m,y_m,z_m,yaw_deg,facing\n1,0,0,2,0,down\n")
+    sizeless = ("import", tmp_path / "e.csv", "-o", tmp_path / "d.yaml", "--dictionary")
+    assert "expected --size-m too" in str(run(*sizeless, "DICT_6X6_50").exception)
+    assert run(*sizeless, "DICT_6X6_50", "--size-m", "0.1").exit_code == 0
+    refused = run("export", site, "-o", tmp_path / "d.csv", "--field-m", "16.5", "8.0")
+    assert refused.exit_code == 2
+    assert "--field-m is for wpilib" in refused.output
+
+
+def test_the_field_of_a_layout_is_told_and_can_be_given_back(tmp_path: Path) -> None:
+    layout, site, back = (tmp_path / name for name in ("a.json", "map.yaml", "b.json"))
+    content = json.loads(wpilib(1, 0, 0, 0))
+    content["field"] = {"length": 16.541, "width": 8.211}
+    layout.write_text(json.dumps(content))
+    done = run("import", layout, "-o", site)
+    assert "not in a map: the field of 16.541 x 8.211 m" in done.output
+    *_, said, _ = done.output.partition("--field-m 16.541 8.211")
+    assert said
+    done = run("export", site, "-o", back, "--field-m", "16.541", "8.211")
+    assert json.loads(back.read_text())["field"] == content["field"]
+    content["field"] = {"length": "long", "width": 8.211}
+    layout.write_text(json.dumps(content))
+    failed = run("import", layout, "-o", site, "--force")
+    assert "field.length: expected a number" in str(failed.exception)

@@ -85,6 +85,29 @@ def test_the_dot_is_at_the_first_corner(
     assert np.sign(row - found[0]) == quadrant[1]
 
 
+@pytest.mark.parametrize("apart_m", [300.0, 2000.0])
+def test_a_marker_is_seen_however_large_the_site_is(apart_m: float) -> None:
+    places = ((0.0, 0.0), (apart_m, 0.0), (0.0, apart_m), (apart_m, apart_m))
+    markers = tuple(
+        Marker.from_yaw(i, (*place, 2.0), 0.0, "up", 0.15) for i, place in enumerate(places)
+    )
+    plan = draw_plan(MarkerMap("map", "DICT_6X6_50", markers), "pdf")
+    image = picture(plan.data)
+    middle = np.array(image.shape[:2]) - [30 * MM, 0]
+    for x_m, y_m in places:
+        # The arrow is above the centre: below it there is the lower half of the square alone.
+        away_mm = np.array([apart_m / 2 - y_m, x_m - apart_m / 2]) * 1000.0 / plan.scale
+        row, col = (middle / 2 + away_mm * MM).astype(int)
+        corner = image[row + 3 : row + 7, col - 6 : col + 7].astype(int)
+        assert (np.abs(corner - VERMILION).sum(axis=2) < 250).any()
+    text = draw_plan(MarkerMap("map", "DICT_6X6_50", markers), "svg").data.decode()
+    assert "squares are drawn of 1.2 mm at least: these are not to scale<" in text
+    assert "dot:" not in text
+    near = draw_plan(one("up", 0.0), "svg").data.decode()
+    assert "not to scale" not in near
+    assert "dot: its top left corner" in near
+
+
 def test_every_id_is_on_the_plan() -> None:
     markers = tuple(
         Marker.from_yaw(i, (i % 20 * 1.2, i // 20 * 1.5, 3.0), 0.1 * i, "down", 0.2, 0.005)
@@ -102,7 +125,7 @@ def test_every_id_is_on_the_plan() -> None:
 @pytest.mark.parametrize(
     ("facing", "view", "line"),
     [
-        ("down", "top", "seen from above: those facing down show their back<"),
+        ("down", "top", "seen from above: those facing down show their back, mirrored<"),
         ("up", "top", "seen from above<"),
         ("down", "front", "seen along y<"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import cv2
@@ -15,7 +16,7 @@ from hypothesis.extra import numpy as hnp
 
 from pipeline.detection import GrayImage
 from pipeline.geometry import Array
-from pipeline.markers import Marker, MarkerMap, load_dictionary
+from pipeline.markers import Marker, MarkerMap, dictionary_names, load_dictionary
 from recorder.errors import InputError
 from recorder.files.map_file import map_yaml
 from recorder.marker_ids import parse_ids
@@ -228,6 +229,17 @@ def test_ids_are_read_as_people_write_them() -> None:
             parse_ids(text)
 
 
+def test_ids_of_no_dictionary_are_refused_at_once() -> None:
+    """The largest that is taken is the largest there is; a slip of the keys builds no list."""
+    last = max(len(load_dictionary(name).bytesList) for name in dictionary_names()) - 1
+    assert parse_ids(f"{last - 1} - {last}") == (last - 1, last)
+    for text in (str(last + 1), "0-99999999", f"5,0-{'9' * 5000}"):
+        with pytest.raises(ValueError, match=f"expected ids up to {last}, found '"):
+            parse_ids(text)
+    with pytest.raises(ValueError, match="expected each id once, found 3 twice"):
+        parse_ids("0-5,3-9")
+
+
 def run(*arguments: str | Path) -> Result:
     return CliRunner().invoke(markers, [str(argument) for argument in arguments])
 
@@ -255,6 +267,7 @@ def test_markers_from_the_command_line(tmp_path: Path) -> None:
         (["--ids", "0", "--size-mm", "200", "--page", "letter"], ["letter", "tabloid would do"]),
         (["--ids", "50", "--dictionary", "DICT_4X4_50"], ["DICT_4X4_50", "0 to 49", "50"]),
         (["--ids", "0", "--dictionary", "DICT_9X9"], ["DICT_9X9"]),
+        (["--ids", "0", "--size-m", "150"], ["187.5 m of paper", "--size-mm is in millimetres"]),
     ],
 )
 def test_what_cannot_be_printed_is_one_line(
@@ -274,4 +287,19 @@ def test_sizes_in_the_wrong_unit_and_other_files_are_refused(tmp_path: Path) -> 
     picture = run("--ids", "0", "-o", tmp_path / "a.png")
     assert isinstance(picture.exception, InputError)
     assert "expected .pdf, found .png" in str(picture.exception)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_is_named_with_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    sheets = tmp_path / "a.pdf"
+    failed = run("--ids", "0", "-o", sheets)
+    assert isinstance(failed.exception, OSError)
+    assert failed.exception.filename == str(sheets)
+    assert failed.exception.strerror == "No space left on device"
     assert not list(tmp_path.iterdir())

@@ -14,7 +14,8 @@ from mcap.writer import Writer
 
 from recorder.cli import commands
 from recorder.errors import InputError
-from recorder.log.reader import ExactPose, LogEvent, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import ExactPose, LogEvent
 from recorder.log.writer import LogWriter
 from recorder.recover import recover
 from recorder.sources.base import CapturedFrame
@@ -213,6 +214,46 @@ def test_a_log_of_another_make_with_other_bytes_is_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"expected foxglove.CompressedImage, found other bytes"):
         recover(path, tmp_path / "out.mcap")
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("length", [8, 9, 30, 60])
+def test_a_log_of_which_nothing_is_left_is_an_error(tmp_path: Path, length: int) -> None:
+    path, out = tmp_path / "log.mcap", tmp_path / "out.mcap"
+    _, data = logged(path, 3)
+    path.write_bytes(data[:length])
+    with pytest.raises(InputError, match=r"expected something to save, found: cut short"):
+        recover(path, out)
+    assert list(tmp_path.iterdir()) == [path]
+    out.write_bytes(b"another")
+    with pytest.raises(InputError, match=r"expected something to save"):
+        recover(path, out, force=True)
+    assert sorted(tmp_path.iterdir()) == [path, out]
+    assert out.read_bytes() == b"another"
+
+
+def test_files_without_images_are_saved_with_a_word(tmp_path: Path) -> None:
+    """What was given to the recorder is there before the first image is."""
+    path, out = tmp_path / "log.mcap", tmp_path / "out.mcap"
+    _, data = logged(path, 3)
+    path.write_bytes(data[: chunks_of(data)[0][0]])
+    command = {c.name: c for c in commands()}["recover"]
+    done = CliRunner().invoke(command, [str(path), "-o", str(out)])
+    assert done.exit_code == 0
+    assert "no images could be read: what is saved is camera.yaml" in done.stderr
+    with LogReader(out) as log:
+        assert log.attachments == attachments()
+
+
+def test_a_log_that_was_killed_before_its_first_frame_gets_its_end(tmp_path: Path) -> None:
+    path, out = tmp_path / "log.mcap", tmp_path / "out.mcap"
+    with LogWriter(path, attachments={}, session={"host": "robot"}) as writer:
+        start = writer.bytes_written
+    path.write_bytes(path.read_bytes()[:start])
+    saved = recover(path, out)
+    assert saved.counts.written == 0
+    with LogReader(out) as log:
+        assert log.metadata["session"]["host"] == "robot"
+        assert log.cut_short is None
 
 
 def test_the_command(tmp_path: Path) -> None:

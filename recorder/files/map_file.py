@@ -21,6 +21,7 @@ from pipeline.markers import (
     marker_rotation,
 )
 from recorder.errors import InputError
+from recorder.files.file_kinds import other_kind
 from recorder.files.yaml_file import FileModel, inline_yaml, parse_yaml, problems, validate
 
 Positive = Annotated[float, Field(gt=0)]
@@ -93,9 +94,11 @@ def read_map(data: bytes, path: Path) -> MapReading:
     """As `parse_map`, with every problem instead of the first, and what can be read in spite of it.
 
     Raises:
-        InputError: not YAML, or not keys and values.
+        InputError: not YAML, not keys and values, or another kind of file.
     """
     content = parse_yaml(data, path)
+    if isinstance(content, dict) and (other := other_kind(content, _MapFile.model_fields, path)):
+        raise other
     found = problems(_MapFile, content, path)
     if not found:
         return _read(_MapFile.model_validate(content), path)

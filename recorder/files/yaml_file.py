@@ -13,6 +13,8 @@ from pydantic_core import ErrorDetails
 
 from pipeline.settings import Settings
 from recorder.errors import InputError
+from recorder.files.file_kinds import other_kind
+from recorder.files.text import text_of
 
 try:
     from yaml import CSafeLoader as _SafeLoader
@@ -75,19 +77,20 @@ def parse_yaml(data: bytes, path: Path) -> Any:
     Raises:
         InputError: not UTF-8, not YAML, or a key twice; names the line.
     """
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
+    text = text_of(data, path)
+    if text.startswith("%YAML:"):
         raise InputError(
-            path, f"expected UTF-8 text, found byte 0x{data[error.start]:02x}", f"line {line}"
-        ) from error
+            path, "expected YAML, found OpenCV's own form of it (%YAML:1.0); `arucolog init` "
+            "writes a camera.yaml to put a calibration's numbers into",
+        )  # fmt: skip
     try:
         return yaml.load(text, _Loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         problem = error.problem or error.context or "not YAML"
         problem = problem.removeprefix("found ")
+        if problem == "but found another document":
+            problem = "expected one document, found another"
         if not problem.startswith("expected"):
             problem = f"expected YAML, found: {problem}"
         raise InputError(path, problem, f"line {mark.line + 1}" if mark else None) from error
@@ -136,6 +139,8 @@ def validate(model: type[Model], data: Any, path: Path) -> Model:
     try:
         return model.model_validate(data)
     except ValidationError as error:
+        if other := other_kind(data, model.model_fields, path):
+            raise other from error
         details = error.errors(include_url=False)
         # A misspelled key is also a missing one: the spelling is the better news.
         first = next((d for d in details if d["type"] == "extra_forbidden"), details[0])
@@ -149,6 +154,8 @@ def problems(model: type[BaseModel], data: Any, path: Path) -> list[InputError]:
     try:
         model.model_validate(data)
     except ValidationError as error:
+        if other := other_kind(data, model.model_fields, path):
+            return [other]
         details = error.errors(include_url=False)
         return [InputError(path, _problem(model, d), _where(d, data)) for d in details]
     return []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -21,7 +21,6 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema, Statist
 from mcap.writer import MCAP0_MAGIC
 
 from pipeline.camera import Camera
-from pipeline.geometry import Pose
 from pipeline.markers import MarkerMap
 from recorder.errors import InputError
 from recorder.files.truth_file import Truth
@@ -29,6 +28,8 @@ from recorder.log import ending, messages, topics
 from recorder.log.damage import Damage, damage_text
 from recorder.log.derived import Known
 from recorder.log.mcap_records import DamagedError, data_records, summary_records
+from recorder.log.other_files import check_no_bag, not_a_log
+from recorder.log.records import ExactPose, LogEvent, LogImage, LogRecord
 
 _SCHEMAS: dict[str, type[ProtobufMessage]] = {
     topics.IMAGE: CompressedImage,
@@ -36,46 +37,6 @@ _SCHEMAS: dict[str, type[ProtobufMessage]] = {
     topics.TRUTH_EXACT: PoseInFrame,
     topics.EVENTS: Log,
 }
-
-
-@dataclass(frozen=True, eq=False)
-class LogImage:
-    """One image of a log.
-
-    Attributes:
-        frame_index: the source's frame number; a gap is a dropped frame.
-        timestamp_ns: capture.
-        data: compressed, exactly as the camera gave it.
-        format: `jpeg`, `png` or `webp`.
-    """
-
-    frame_index: int
-    timestamp_ns: int
-    arrival_ns: int
-    data: bytes
-    format: str
-
-
-@dataclass(frozen=True, eq=False)
-class ExactPose:
-    """The camera's exact pose at one frame."""
-
-    frame_index: int
-    timestamp_ns: int
-    T_map_camera: Pose
-
-
-@dataclass(frozen=True)
-class LogEvent:
-    """Something that happened; `level` is debug, info, warning, error, fatal or unknown."""
-
-    timestamp_ns: int
-    level: str
-    message: str
-    name: str
-
-
-LogRecord = LogImage | ExactPose | LogEvent
 
 
 class LogReader:
@@ -112,6 +73,7 @@ class LogReader:
         self._channels: dict[int, Channel] = {}
         with self._open() as file:
             self._read_summary(file)
+            check_no_bag(path, file, self._channels.values())
         # `messages` comes by the damage again and says so.
         with self._open() as file, suppress(DamagedError):
             self._read_start(file)
@@ -286,8 +248,7 @@ class LogReader:
         magic = file.read(len(MCAP0_MAGIC))
         if magic != MCAP0_MAGIC:
             file.close()
-            found = f"a file that starts with {magic!r}" if magic else "an empty file"
-            raise InputError(self.path, f"expected an MCAP log, found {found}")
+            raise not_a_log(self.path, magic)
         return file
 
     def _read_start(self, file: BinaryIO) -> None:

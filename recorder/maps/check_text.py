@@ -14,7 +14,7 @@ def check_text(check: MapCheck) -> str:
     lines = _aligned([_HEAD, *(_cells(row) for row in check.markers)])
     marks = [" ", *("!" if row.id in named else " " for row in check.markers)]
     text = [f"{mark} {line}" for mark, line in zip(marks, lines, strict=True)]
-    text.append("")
+    text = [*text, ""] if check.markers else []
     text += [f"{finding.severity}: {finding.text}" for finding in check.findings]
     verdict = "sane" if check.sane else "not usable as it is"
     counts = ", ".join(

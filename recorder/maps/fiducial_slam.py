@@ -15,13 +15,13 @@ import numpy as np
 from pipeline.geometry import Array, Pose, rotation_z
 from pipeline.markers import Marker, MarkerMap
 from recorder.errors import InputError
+from recorder.files.text import text_of
 from recorder.maps.formats import (
     ExportedMap,
     ImportedMap,
     MapDefaults,
     build_map,
     left_behind,
-    text_of,
 )
 
 _COLUMNS = "id x y z roll pitch yaw variance observations [ids...]"

@@ -111,15 +111,6 @@ def build_map(
         raise InputError(path, str(error)) from error
 
 
-def text_of(data: bytes, path: Path) -> str:
-    """Raises: InputError: not UTF-8."""
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(path, "expected UTF-8 text", f"line {line}") from error
-
-
 def left_behind(marker_map: MarkerMap, holds: Collection[str]) -> tuple[str, ...]:
     """One line with what is in the map and not in a file that only `holds` some of it.
 

@@ -18,13 +18,13 @@ from typing import Any
 from pipeline.markers import Marker, MarkerMap
 from recorder.errors import InputError
 from recorder.files.map_file import measured_by_corners, parse_marker
+from recorder.files.text import text_of
 from recorder.maps.formats import (
     ExportedMap,
     ImportedMap,
     MapDefaults,
     build_map,
     left_behind,
-    text_of,
 )
 
 _XYZ = ("x_m", "y_m", "z_m")
@@ -52,6 +52,8 @@ def import_csv(data: bytes, path: Path, defaults: MapDefaults) -> ImportedMap:
             where = f"line {reader.line_num}"
             if not header:
                 header = _header(row, path)
+                if defaults.size_m is None and not {"size_m", *_CORNERS} & set(header):
+                    raise InputError(path, "expected --size-m too, or a column size_m")
                 continue
             if len(row) != len(header):
                 problem = f"expected {len(header)} columns, found {len(row)}"

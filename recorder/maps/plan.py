@@ -12,11 +12,13 @@ import numpy as np
 
 from pipeline.geometry import Array
 from pipeline.markers import Marker, MarkerMap
-from recorder.errors import InputError
+from recorder.files.output_file import check_suffix
 from recorder.files.truth_file import Truth
 from recorder.maps.plan_frame import (
     COLOURS,
     FOOT_MM,
+    LEAST_MM,
+    SMALL_MM,
     WALL_COLOUR,
     View,
     draw_foot,
@@ -28,7 +30,7 @@ from recorder.maps.plausibility import direction_text
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-PlanFormat = Literal["svg", "png", "pdf"]
+PlanFormat = Literal["svg", "pdf", "png"]
 
 # The map axes that point right and up on the paper.
 _AXES: dict[View, tuple[int, int]] = {"top": (0, 1), "front": (0, 2), "side": (1, 2)}
@@ -37,8 +39,6 @@ _LONGEST_MM = 340.0
 _MARGIN_MM = 22.0
 _NARROWEST_MM = 120.0
 _PAPER_MM = 2000.0
-# A smaller square has no room for a dot, nor for a circle inside it.
-_SMALL_MM = 4.0
 _MM_PER_POINT = 25.4 / 72.0
 
 _TRUTH_COLOUR = "#000000"
@@ -81,10 +81,8 @@ def plan_format(path: Path) -> PlanFormat:
     Raises:
         InputError: not one that can be drawn.
     """
-    for kind in get_args(PlanFormat):
-        if path.suffix.lower() == f".{kind}":
-            return kind  # type: ignore[no-any-return]
-    raise InputError(path, f"expected .svg, .pdf or .png, found {path.suffix or 'no suffix'}")
+    check_suffix(path, [f".{kind}" for kind in get_args(PlanFormat)])
+    return path.suffix.lower()[1:]  # type: ignore[return-value]
 
 
 def draw_plan(
@@ -158,8 +156,11 @@ def _draw_marker(axes: Axes, marker: Marker, view: View, mm_per_m: float, factor
     size_mm = marker.size_m * mm_per_m
     line = float(np.clip(size_mm / 12.0, 0.35, 1.2))
     centre = marker.centre_m[plane]
+    corners = marker.corners_m[:, plane]
+    if size_mm < LEAST_MM:
+        corners = centre + (corners - centre) * (LEAST_MM / size_mm)
     outline = Polygon(
-        marker.corners_m[:, plane].tolist(), closed=True, facecolor=(*rgb(colour), 0.13),
+        corners.tolist(), closed=True, facecolor=(*rgb(colour), 0.13),
         edgecolor=colour, linewidth=line, zorder=3,
     )  # fmt: skip
     axes.add_patch(outline)
@@ -172,7 +173,7 @@ def _draw_marker(axes: Axes, marker: Marker, view: View, mm_per_m: float, factor
         arrowprops={"arrowstyle": "-|>,head_width=0.14,head_length=0.3", "color": colour,
                     "linewidth": line, "shrinkA": 0, "shrinkB": 0},
     )  # fmt: skip
-    if not edge_on and size_mm > _SMALL_MM:
+    if not edge_on and size_mm > SMALL_MM:
         first = marker.corners_m[0, plane]
         inward = first + (centre - first) * 0.2
         axes.add_patch(
@@ -206,9 +207,9 @@ def _draw_id(
     else:
         # As far as the text's own half width or height asks for, in that direction.
         half_mm = (abs(away[0]) * width_mm + abs(away[1]) * height_mm) / 2
-        clear_mm = (0.0 if edge_on else 0.5 * size_mm) + half_mm + 0.7
+        clear_mm = (0.0 if edge_on else 0.5 * max(size_mm, LEAST_MM)) + half_mm + 0.7
         at = centre + away * clear_mm / mm_per_m
-    paper: Any = {"boxstyle": "square,pad=0.04", "facecolor": (1, 1, 1, 0.7), "linewidth": 0}
+    paper: Any = {"boxstyle": "square,pad=0.04", "facecolor": (1, 1, 1, 0.9), "linewidth": 0}
     axes.text(
         float(at[0]), float(at[1]), text, fontsize=points, ha="center", va="center_baseline",
         color="#202020", zorder=6, bbox=paper,
@@ -252,7 +253,7 @@ def _std_factor(markers: Sequence[Marker], mm_per_m: float) -> float:
         return 1.0
     std_m = float(np.median([marker.std_m for marker in known if marker.std_m]))
     size_m = float(np.median([marker.size_m for marker in known]))
-    wanted = max(0.6 * size_m, 0.9 * _SMALL_MM / mm_per_m) / std_m
+    wanted = max(0.6 * size_m, 0.9 * SMALL_MM / mm_per_m) / std_m
     factors = (s * 10.0**e for e in range(6) for s in (1, 2, 5))
     return max((factor for factor in factors if factor <= wanted), default=1.0)
 

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 View = Literal["top", "front", "side"]
 
 FOOT_MM = 30.0
+# A smaller square has no room for a dot, nor for a circle inside it.
+SMALL_MM = 4.0
+# A smaller square is drawn of this size: it could not be seen.
+LEAST_MM = 1.2
 # Okabe & Ito: told apart also by the colour-blind.
 COLOURS = {"down": "#0072b2", "up": "#d55e00"}
 WALL_COLOUR = "#009e73"
@@ -64,14 +68,19 @@ def draw_foot(
     sizes = sorted({round(marker.size_m, 4) for marker in marker_map.markers})
     side = f"{sizes[0]:g}" if len(sizes) == 1 else f"{sizes[0]:g} to {sizes[-1]:g}"
     facing = {direction_text(m.normal) for m in marker_map.markers}
-    backs = ": those facing down show their back" if view == "top" and "down" in facing else ""
+    looked_down_on = view == "top" and "down" in facing
+    backs = ": those facing down show their back, mirrored" if looked_down_on else ""
+    smallest_mm, largest_mm = (size * 1000.0 / scale for size in (sizes[0], sizes[-1]))
     lines = [
         f"{title + ': ' if title else ''}{len(marker_map.markers)} markers of {side} m, "
         f"{marker_map.dictionary}, frame {marker_map.frame}",
         f"1 : {scale}, seen {_SEEN[view]}{backs}",
-        "arrow: up in the print (edge-on: out of the face); dot: its top left corner"
+        "arrow: up in the print (edge-on: out of the face)"
+        + ("; dot: its top left corner" if largest_mm > SMALL_MM else "")
         + (f"; circle: {factor:g} std_m" if any(m.std_m for m in marker_map.markers) else ""),
     ]
+    if smallest_mm < LEAST_MM:
+        lines.append(f"squares are drawn of {LEAST_MM:g} mm at least: these are not to scale")
     for i, line in enumerate(lines):
         figure.text(6 / width, (FOOT_MM - 15 - 4.2 * i) / height, line, fontsize=7.5, va="center")
     length_m = _bar_length_m(scale, width)

@@ -17,6 +17,7 @@ from pydantic import ConfigDict, Field
 from pipeline.geometry import Pose
 from pipeline.markers import Marker, MarkerMap
 from recorder.errors import InputError
+from recorder.files.text import text_of
 from recorder.files.yaml_file import FileModel, validate
 from recorder.maps.formats import (
     ExportedMap,
@@ -24,7 +25,6 @@ from recorder.maps.formats import (
     MapDefaults,
     build_map,
     left_behind,
-    text_of,
 )
 
 # Those of FRC fields since 2024; 2023's were 16h5 of 0.1524 m.
@@ -68,8 +68,14 @@ class _Tag(_Part):
     pose: _Pose
 
 
+class _Field(_Part):
+    length: float
+    width: float
+
+
 class _Layout(_Part):
     tags: Annotated[list[_Tag], Field(min_length=1)]
+    field: _Field | None = None
 
 
 def import_wpilib(data: bytes, path: Path, defaults: MapDefaults) -> ImportedMap:
@@ -84,6 +90,8 @@ def import_wpilib(data: bytes, path: Path, defaults: MapDefaults) -> ImportedMap
     try:
         content = json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:
+        if not text.strip():
+            raise InputError(path, "expected JSON, found an empty file") from error
         line = getattr(error, "lineno", None)
         where = f"line {line}" if line else None
         raise InputError(path, f"expected JSON, found: {error}", where) from error
@@ -104,6 +112,12 @@ def import_wpilib(data: bytes, path: Path, defaults: MapDefaults) -> ImportedMap
         notes.append(
             f"assumed: {dictionary}, {size_m:g} m; the file does not say "
             "(--dictionary and --size-m do)"
+        )
+    if layout.field is not None:
+        length, width = layout.field.length, layout.field.width
+        notes.append(
+            f"not in a map: the field of {length:g} x {width:g} m "
+            f"(map export --field-m {length:g} {width:g} writes it again)"
         )
     return ImportedMap(build_map(markers, dictionary, path, defaults), tuple(notes))
 

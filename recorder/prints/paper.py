@@ -133,6 +133,11 @@ def lay_out(page: Page, cell: Cell) -> Layout:
     american = page.name in ("letter", "legal", "tabloid")
     enough.sort(key=lambda name: american == name.startswith("A"))
     width, height = _needed_mm(cell)
+    if max(width, height) > MOST_MM:
+        raise ValueError(
+            f"a marker of {cell.size_mm:g} mm needs {width / 1000:.1f} x {height / 1000:.1f} m of "
+            "paper (--size-mm is in millimetres, --size-m in metres)"
+        )
     advice = f"{enough[0]} would do" if enough else f"--page {width:.0f}x{height:.0f} would do"
     raise ValueError(
         f"a marker of {cell.size_mm:g} mm needs {width:.0f} x {height:.0f} mm with its quiet "

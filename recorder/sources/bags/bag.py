@@ -13,6 +13,7 @@ from rosbags.interfaces import Connection
 from rosbags.typesys import Stores, get_typestore
 
 from recorder.errors import InputError
+from recorder.sources.bags.faults import bag_fault, reason
 from recorder.sources.images import IMAGE_SUFFIXES
 
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
@@ -25,7 +26,7 @@ def is_bag(path: Path) -> bool:
     if path.is_dir():
         has_images = any(p.suffix.lower() in IMAGE_SUFFIXES for p in path.iterdir())
         return _describes_bag(path / "metadata.yaml") or (any(_storages(path)) and not has_images)
-    return _is_storage(path) or path.suffix.lower() == ".bag"
+    return _is_storage(path) or path.name.lower().endswith((".bag", ".bag.active"))
 
 
 @contextmanager
@@ -44,13 +45,14 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
         reader.open()
     except Exception as error:  # rosbags lets through what sqlite3, YAML and MCAP trip over
+        files = list(_storages(path)) if path.is_dir() else [path]
+        if fault := bag_fault(files, error):
+            raise fault from error
         expected, hint = "a ROS bag", ""
         if path.suffix.lower() == ".mcap":
             expected = "an MCAP of ROS 2 (messages in CDR)"
             hint = "; one with foxglove.CompressedImage on /camera/image is a log: replay it"
-        raise InputError(
-            path, f"expected {expected}, found another file: {reason(error)}{hint}"
-        ) from error
+        raise InputError(path, f"expected {expected}, found: {reason(error)}{hint}") from error
     try:
         yield reader
     finally:
@@ -90,11 +92,6 @@ def kind_of(path: Path) -> str:
     return "ROS 2, mcap" if storage.suffix == ".mcap" else "ROS 2, sqlite3"
 
 
-def reason(error: Exception) -> str:
-    """One line."""
-    return str(error).partition("\n")[0] or type(error).__name__
-
-
 def _describes_bag(path: Path) -> bool:
     try:
         with path.open("rb") as file:
@@ -108,12 +105,12 @@ def _storages(folder: Path) -> Iterator[Path]:
 
 
 def _is_storage(path: Path) -> bool:
-    """Whether a file can hold the messages of a ROS 2 bag."""
+    """Whether a file can hold the messages of a ROS 2 bag, were it whole."""
     if path.suffix.lower() != ".mcap":
         return path.suffix.lower() == ".db3"
     try:
         with path.open("rb") as file:
             header = next(StreamReader(file).records, None)
     except Exception:  # the reader lets everything through that it trips over
-        return False
-    return isinstance(header, Header) and header.library != "arucolog"
+        return True
+    return not isinstance(header, Header) or header.library != "arucolog"

@@ -15,6 +15,7 @@ from recorder.image_header import read_header
 from recorder.log.topics import CAMERA_FILE
 from recorder.sources.bags import bag, pixels
 from recorder.sources.bags.calibration import camera_of, info_topic, is_rectified
+from recorder.sources.bags.faults import reason
 from recorder.sources.base import CapturedFrame, SourceEvent
 from recorder.sources.encoding import Encoding, encoded_image
 
@@ -117,7 +118,7 @@ class BagSource:
                     message = None
                 yield arrival_ns, message
         except Exception as error:  # rosbags lets through what its storages trip over
-            yield bag.reason(error)
+            yield reason(error)
 
     def _item(self, index: int, arrival_ns: int, message: Any) -> CapturedFrame | SourceEvent:
         if message is None:
