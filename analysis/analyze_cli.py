@@ -179,7 +179,9 @@ def variance(
     its robust column with `column: robust_cm2` beside that.
     """
     from analysis.static.variance_table import variance as study_variance
+    from recorder.files.output_file import YAML, check_suffix
 
+    check_suffix(output, YAML)
     options = _options(max_markers, solver, sample, frames, seed)
     show(study_variance(result, output, options), as_json=as_json)
 

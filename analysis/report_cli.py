@@ -46,7 +46,9 @@ def _report(
     """
     from analysis.report.build import report as build
     from recorder.errors import InputError
+    from recorder.files.output_file import HTML, check_suffix
 
+    check_suffix(output, HTML)
     for path in (output, output.with_name(f"{output.stem}_files")):
         if path.exists() and not force:
             raise InputError(path, "already exists; --force replaces it")

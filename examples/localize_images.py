@@ -11,7 +11,7 @@ from pathlib import Path
 from pipeline.localizer import Frame, Localizer, PipelineSettings
 from recorder.files.camera_file import parse_camera
 from recorder.files.map_file import parse_map
-from replay.stages import decode
+from recorder.image_decoding import decode_gray
 
 
 def main(images: Path, camera_path: Path, map_path: Path) -> None:
@@ -19,7 +19,7 @@ def main(images: Path, camera_path: Path, map_path: Path) -> None:
     marker_map = parse_map(map_path.read_bytes(), map_path)
     localizer = Localizer(PipelineSettings(), camera, marker_map, start_ns=0)
     for index, path in enumerate(sorted(images.iterdir())):
-        image = decode(path.read_bytes())
+        image = decode_gray(path.read_bytes())
         result = localizer.step(Frame(index, index * 100_000_000, image))
         pose = result.fix.T_map_camera
         where = "-" if pose is None else " ".join(f"{value:+.3f}" for value in pose.translation)

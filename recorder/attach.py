@@ -11,7 +11,8 @@ from recorder.errors import InputError
 from recorder.image_header import read_header
 from recorder.log import topics
 from recorder.log.counts import said_counts
-from recorder.log.reader import LogImage, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogImage
 from recorder.log.writer import DiskFullError, LogWriter
 
 

@@ -154,14 +154,15 @@ def record(
     next, s stands still there until s is pressed again, u undoes, t takes a note, ? helps. With
     the waypoints' places in truth.yaml the marks are timed poses.
     """
-    from tqdm import tqdm
-
     from recorder.attachments import named_as_given, read_attachments
     from recorder.bench.session import keys_remark, waypoint_keys
+    from recorder.files.output_file import LOG, check_suffix
     from recorder.record import record as record_log
+    from recorder.record_progress import RecordProgress
     from recorder.record_text import ending_text, status_text, summary_text
     from recorder.sources.opening import open_source
 
+    check_suffix(output, LOG)
     options = source_options(start, fps, encoding, topic, camera_settings)
     attachments = read_attachments(camera, map_path, truth)
     opened = open_source(source, options)
@@ -173,14 +174,12 @@ def record(
         named_as_given(camera, map_path, truth),
         log_path(output, opened.name) as path,
         live.sinks(opened, attachments) as sinks,
-        tqdm(total=opened.frame_count(), unit="frame", desc="record", disable=None) as bar,
+        RecordProgress("record", opened.frame_count()) as progress,
         waypoint_keys(opened, attachments, wanted=not no_keys) as bench,
     ):
 
         def show(status: Status) -> None:
-            bar.set_postfix_str(status_text(status), refresh=False)
-            bar.update(status.counts.written - bar.n)
-            bar.refresh()
+            progress.show(status.counts.written, status_text(status), status.problem)
             bench.refresh()
 
         summary = record_log(
@@ -244,7 +243,9 @@ def attach(
     """Copy a log with other truth, calibration or map in it; images and times stay as they are."""
     from recorder.attach import attach as attach_files
     from recorder.attachments import named_as_given, read_attachments
+    from recorder.files.output_file import LOG, check_suffix
 
+    check_suffix(output, LOG)
     attachments = read_attachments(camera, map_path, truth)
     if not attachments:
         raise click.UsageError("expected --truth, --camera or --map")

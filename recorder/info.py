@@ -15,7 +15,8 @@ from recorder.bench.marks import Mark, MarkReader
 from recorder.errors import InputError
 from recorder.image_header import read_header
 from recorder.log import topics
-from recorder.log.reader import ExactPose, LogEvent, LogImage, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import ExactPose, LogEvent, LogImage
 
 T = TypeVar("T")
 

@@ -19,12 +19,29 @@ OpenView = Callable[[str, "Source", Mapping[str, bytes]], AbstractContextManager
 LIVE = "--live"
 
 
+class _Viewer(click.ParamType[str]):
+    """The text as it is; a source that was taken for a viewer's address is an error."""
+
+    name = "viewer"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if "/" in value:
+            self.fail(
+                f"expected HOST or HOST:PORT of a viewer, found {value!r}; SOURCE goes before "
+                "--live",
+                param,
+                ctx,
+            )
+        return value
+
+
 def live_option() -> click.Option:
     """`--live [HOST:PORT]`; the command gets the text, empty without an address."""
     return click.Option(
         [LIVE],
         is_flag=False,
         flag_value="",
+        type=_Viewer(),
         metavar="[HOST:PORT]",
         help="Show frames in the Rerun viewer of this machine, or of another.",
     )

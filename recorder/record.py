@@ -12,6 +12,7 @@ from recorder.capture.disk import DiskGuard
 from recorder.capture.frame_queue import MAX_BYTES, MAX_FRAMES
 from recorder.capture.memory import keep_freed_memory
 from recorder.capture.notes import Notes
+from recorder.capture.outages import Outages
 from recorder.capture.parts import PartsWriter, SplitLimit, recording_id
 from recorder.capture.recording import Recording, Status, Stop
 from recorder.capture.sink_thread import FrameSink
@@ -37,6 +38,7 @@ class RecordSummary:
         problem: for `failed`, what stopped it; the log has all that came before.
         counts: of the frames, in all parts.
         display_dropped: frames that viewers missed.
+        outages: of a live source.
         duration_s: from the first to the last capture.
         missing: `camera.yaml` and `map.yaml`, where the log has none.
     """
@@ -47,6 +49,7 @@ class RecordSummary:
     problem: str | None
     counts: FrameCounts
     display_dropped: int
+    outages: Outages
     duration_s: float
     bytes_written: int
     missing: tuple[str, ...]
@@ -142,15 +145,16 @@ def record(
             writer.close()
             raise
         problem = None
+        more = recording.outages.as_metadata() if live else {}
         try:
             if error is not None:
-                problem = _give_up(writer, error, live=live)
+                problem = _give_up(writer, error, more, live=live)
             elif not writer.counts.written:
                 writer.discard()
                 if ended == "complete":
                     raise InputError(source.name, "expected images, found none that can be read")
             else:
-                writer.end_as(ended)
+                writer.end_as(ended, **more)
                 writer.close()
         except OSError as failure:
             ended, problem = "failed", _write_problem(writer, failure)
@@ -161,13 +165,16 @@ def record(
         problem=problem,
         counts=writer.counts,
         display_dropped=recording.display_dropped,
+        outages=recording.outages,
         duration_s=writer.duration_s,
         bytes_written=writer.bytes_written,
         missing=tuple(n for n in (topics.CAMERA_FILE, topics.MAP_FILE) if n not in files),
     )
 
 
-def _give_up(writer: PartsWriter, error: BaseException, *, live: bool) -> str:
+def _give_up(
+    writer: PartsWriter, error: BaseException, more: Mapping[str, str], *, live: bool
+) -> str:
     """Ends a recording that failed; returns why.
 
     What can be had again from its source is not left half; what cannot is kept.
@@ -175,7 +182,7 @@ def _give_up(writer: PartsWriter, error: BaseException, *, live: bool) -> str:
     if not writer.counts.written or (isinstance(error, InputError) and not live):
         writer.discard()
         raise error
-    writer.end_as(ending.after(error))
+    writer.end_as(ending.after(error), **more)
     if isinstance(error, OSError):
         with suppress(OSError):
             writer.close()

@@ -9,6 +9,7 @@ from recorder.log import topics
 from recorder.quantities import size_text
 
 if TYPE_CHECKING:
+    from recorder.capture.outages import Outages
     from recorder.capture.recording import Status
     from recorder.log.counts import FrameCounts
     from recorder.record import RecordSummary
@@ -38,7 +39,7 @@ def problem_text(status: Status) -> list[str]:
 
 
 def summary_text(summary: RecordSummary) -> str:
-    """One line on the log, and one on what a replay will ask for."""
+    """One line on the log, one on lost connections and one on what a replay will ask for."""
     if not summary.frames_written:
         return "nothing recorded"
     logs = str(summary.path)
@@ -48,6 +49,8 @@ def summary_text(summary: RecordSummary) -> str:
         f"{logs}: {counted(summary.frames_written, 'frame')}, {summary.duration_s:.3f} s, "
         f"{size_text(summary.bytes_written)}, {_faults(summary.counts)}"
     ]
+    if summary.outages.count:
+        lines.append(_outages(summary.outages))
     if summary.missing:
         options = " and ".join(_OPTIONS[name] for name in summary.missing)
         lines.append(f"without {' and '.join(summary.missing)}: replay needs {options}")
@@ -72,6 +75,12 @@ def ending_text(summary: RecordSummary) -> str | None:
     return None
 
 
+def _outages(outages: Outages) -> str:
+    times = "once" if outages.count == 1 else f"{outages.count} times"
+    end = ", and not back at the end" if outages.at_end else ""
+    return f"connection lost {times}, for {outages.seconds:.1f} s in all{end}"
+
+
 def _faults(counts: FrameCounts) -> str:
     """The dropped always: that there are none is what one wants to read."""
     parts = [f"{counts.dropped} dropped"]
@@ -80,4 +89,7 @@ def _faults(counts: FrameCounts) -> str:
         "corrupt": counts.corrupt,
         "with a stamp that jumps back": counts.stamped_back,
     }
-    return ", ".join(parts + [f"{n} {what}" for what, n in others.items() if n])
+    parts += [f"{n} {what}" for what, n in others.items() if n]
+    if 0 < counts.inspected < counts.written:
+        parts.append(f"{counts.inspected} looked into")
+    return ", ".join(parts)

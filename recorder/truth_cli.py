@@ -85,13 +85,14 @@ def floor(
     1, 2, 3, ... While a live camera records, keys mark when the camera is there.
     """
     from recorder.bench import floor_file
-    from recorder.files.output_file import check_free, write_output
+    from recorder.files.output_file import YAML, check_free, check_suffix, write_output
     from recorder.files.truth_entries import FloorEntry, truth_yaml
     from recorder.files.truth_file import parse_truth
     from recorder.info_text import counted
 
     if closed and driven is None:
         raise click.UsageError("expected --path with --closed")
+    check_suffix(output, YAML)
     check_free(output, force=force)
     try:
         side = floor_file.parse_square(square_m)
@@ -194,11 +195,12 @@ def marks(
     from recorder.bench.timed_file import timed_truth
     from recorder.bench.timing import with_marks
     from recorder.errors import InputError
-    from recorder.files.output_file import check_free, write_output
+    from recorder.files.output_file import YAML, check_free, check_suffix, write_output
     from recorder.files.truth_entries import truth_yaml
     from recorder.files.truth_file import parse_truth
     from recorder.files.yaml_file import read_bytes
 
+    check_suffix(output, YAML)
     if output is not None:
         check_free(output, force=force)
     log = _one_log(logs)

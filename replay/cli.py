@@ -130,6 +130,8 @@ Example:
 @click.option("--force", is_flag=True, help="Replace a file that exists.")
 def view(paths: tuple[Path, ...], save: Path | None, force: bool) -> None:
     """Look at a log or at results in the Rerun viewer; several results of a log overlay."""
+    from recorder.files.output_file import check_suffix
     from replay.viewer.open import view as open_viewer
 
+    check_suffix(save, [".rrd"])
     open_viewer(list(paths), save=save, force=force)

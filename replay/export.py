@@ -32,6 +32,13 @@ FILE_SUFFIX: dict[Format, str] = {
     "csv": ".csv",
     "mcap": ".mcap",
 }
+# What a file of each may end in: plain columns of numbers are often .txt.
+SUFFIXES: dict[Format, tuple[str, ...]] = {
+    "tum": (".tum", ".txt"),
+    "kitti": (".kitti", ".txt"),
+    "csv": (".csv",),
+    "mcap": (".mcap",),
+}
 FIX_TOPIC = "/fix"
 TRACK_TOPIC = "/track"
 

@@ -56,10 +56,12 @@ def _export(
     to `camera`, which follows the tracker given (else the first).
     """
     from recorder.errors import InputError
-    from replay.export import FILE_SUFFIX
+    from recorder.files.output_file import check_suffix
+    from replay.export import FILE_SUFFIX, SUFFIXES
     from replay.export import export as write
     from replay.result import open_result
 
+    check_suffix(output, SUFFIXES[format_])
     opened = open_result(result)
     if output is None:
         first = next(iter(opened.settings.trackers))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from recorder.info_text import counted
 from replay.accuracy import FIXES
 
 
@@ -30,7 +31,7 @@ _HINTS = {
     "unknown_ids": "are these the markers of the map, of its dictionary?",
     "behind_markers": "does `facing` in the map fit (down on a ceiling), are corners in order?",
     "reprojection": "are the markers' places, sizes and the calibration right?",
-    "undecodable": "are the images of the calibration's size?",
+    "undecodable": "are the images whole, and of the calibration's size? `arucolog verify` says",
 }
 # A filter this much worse than the fixes that it smooths does not follow its robot.
 _LAGS = 1.5
@@ -45,6 +46,11 @@ def warnings(summary: dict[str, Any]) -> list[str]:
         status, _ = _by_count(summary["status"])[0]
         hint = _HINTS.get(status)
         found.append(f"no frame has a pose, most are {status}" + (f": {hint}" if hint else ""))
+    elif undecodable := summary["status"].get("undecodable"):
+        found.append(
+            f"{counted(undecodable, 'image')} damaged or of another size, without a pose; "
+            "`arucolog verify` says which"
+        )
     if summary["truth_without_frames"]:
         found.append(
             "the truth says nothing about any frame: are its times those of the log "

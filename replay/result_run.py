@@ -14,7 +14,8 @@ from pipeline.localizer import FrameResult, Localizer, PipelineSettings
 from pipeline.variance import UnknownVariance
 from recorder.errors import InputError
 from recorder.log.parts import PartsReader
-from recorder.log.reader import LogEvent, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogEvent
 from recorder.session import git_state
 from replay.accuracy import errors, measured_rows
 from replay.inputs import Inputs

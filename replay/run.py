@@ -13,12 +13,14 @@ from tqdm import tqdm
 
 from pipeline.localizer import PipelineSettings
 from recorder.errors import InputError
+from recorder.image_decoding import decode_gray
 from recorder.log.parts import open_log
-from recorder.log.reader import LogEvent, LogImage, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogEvent, LogImage
 from replay.inputs import Inputs, Overrides, gather
 from replay.result import new_result
 from replay.result_run import ResultRun, Tally, check_models, write_inputs, write_summary
-from replay.stages import cores, decode, detect_ahead, opencv_threads, pair
+from replay.stages import cores, detect_ahead, opencv_threads, pair
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ def _check_images(reader: LogReader, inputs: Inputs) -> None:
     first = next((r for r in reader.records() if isinstance(r, LogImage)), None)
     if first is None:
         raise InputError(reader.path, "expected images on /camera/image, found none")
-    image = decode(first.data)
+    image = decode_gray(first.data)
     if image is not None and image.shape[::-1] != inputs.camera.image_size:
         expected, found = (
             "x".join(map(str, s)) for s in (inputs.camera.image_size, image.shape[::-1])

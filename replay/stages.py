@@ -14,14 +14,11 @@ from types import TracebackType
 from typing import Self
 
 import cv2
-import numpy as np
 
 from pipeline.camera import Camera
 from pipeline.detection import Detections, GrayImage
-from recorder.log.reader import ExactPose, LogEvent, LogImage
-
-# The sensor's own rows and columns, whatever an EXIF tag says: those were calibrated.
-_GRAY = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+from recorder.image_decoding import decode_gray
+from recorder.log.records import ExactPose, LogEvent, LogImage
 
 Detect = Callable[[GrayImage], Detections]
 
@@ -36,7 +33,7 @@ class PairedImage:
 
 @dataclass(frozen=True, eq=False)
 class DetectedImage:
-    """A paired image with its detections; None where it is no image of the camera's size."""
+    """A paired image with its detections; None where it is no whole image of the camera's size."""
 
     image: LogImage
     exact: ExactPose | None
@@ -65,17 +62,6 @@ def pair(
         yield PairedImage(image, None)
 
 
-def decode(data: bytes) -> GrayImage | None:
-    """The gray image (H, W) in compressed bytes; None if there is none."""
-    if not data:
-        return None
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), _GRAY)
-    except cv2.error:
-        return None
-    return None if image is None else np.asarray(image, dtype=np.uint8)
-
-
 class DetectorPool:
     """Threads that decode and detect, each with a detector of its own; use it in a `with` block."""
 
@@ -102,7 +88,7 @@ class DetectorPool:
         self._pool.shutdown(cancel_futures=True)
 
     def _detect(self, data: bytes) -> Detections | None:
-        image = decode(data)
+        image = decode_gray(data)
         if image is None or image.shape[::-1] != self._camera.image_size:
             return None
         detector = self._detectors.get()

@@ -125,13 +125,14 @@ def survey(
 
     import json
 
-    from recorder.files.output_file import check_free, write_output
+    from recorder.files.output_file import YAML, check_free, check_suffix, write_output
     from replay.settings_file import load_settings
     from replay.survey.logs import survey_logs
     from replay.survey.report import refined_yaml, survey_json, survey_text, warnings
     from replay.survey.results import SurveyOptions
     from replay.survey.sightings import Span
 
+    check_suffix(output, YAML)
     if output is not None:
         check_free(output, force=force)
     done = survey_logs(

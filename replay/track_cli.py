@@ -113,10 +113,10 @@ def _track(
     """
     import json
 
-    from tqdm import tqdm
-
     from recorder.attachments import named_as_given, read_attachments
     from recorder.cli import log_path, source_options
+    from recorder.files.output_file import LOG, check_suffix
+    from recorder.record_progress import RecordProgress
     from recorder.sources.opening import open_source
     from replay.live.sink import live_view
     from replay.live.track import TrackOptions
@@ -127,6 +127,7 @@ def _track(
     from replay.run import ReplayOptions
     from replay.settings_file import load_settings
 
+    check_suffix(output, LOG)
     settings = load_settings(settings_path, overrides)
     attachments = read_attachments(camera, map_path, truth)
     if name is None:
@@ -144,14 +145,11 @@ def _track(
         view = None
         if live is not None:
             view = stack.enter_context(live_view(live, opened, attachments, settings))
-        bar = stack.enter_context(
-            tqdm(total=opened.frame_count(), unit="frame", desc="track", disable=None)
-        )
+        progress = stack.enter_context(RecordProgress("track", opened.frame_count()))
 
         def show(status: TrackStatus) -> None:
-            bar.set_postfix_str(status_text(status), refresh=False)
-            bar.update(status.recording.counts.written - bar.n)
-            bar.refresh()
+            recording = status.recording
+            progress.show(recording.counts.written, status_text(status), recording.problem)
 
         tracked = track_source(
             opened,

@@ -13,7 +13,8 @@ from pipeline.geometry import Pose, rotation_z
 from pipeline.markers import Marker, MarkerMap
 from recorder.files.camera_file import camera_yaml
 from recorder.files.map_file import map_yaml
-from recorder.log.reader import LogImage, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogImage
 from recorder.log.writer import LogWriter
 from recorder.sources.base import CapturedFrame
 

@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
-from recorder.log.reader import LogImage, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogImage
 from tests.test_cli import arucolog
 
 ROOT = Path(__file__).resolve().parents[1]

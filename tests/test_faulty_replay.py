@@ -9,8 +9,10 @@ import pandas as pd
 import pytest
 
 from recorder.log.reader import LogReader
+from recorder.log.writer import LogWriter
 from recorder.record import record
 from recorder.sources.base import CapturedFrame
+from replay.report import warnings
 from replay.run import ReplayOptions
 from replay.run import replay as replay_log
 from tests import worlds
@@ -78,3 +80,29 @@ def test_tracks_go_on_behind_a_clock_that_was_set_back(result: Path) -> None:
     # Time passes again: without fixes the variance would grow, with them v is still learnt.
     moved_m = track["x_m"].iloc[-1] - track["x_m"][SET_BACK_AT]
     assert moved_m == pytest.approx(0.02 * (FRAMES - 1 - SET_BACK_AT), rel=0.2)
+
+
+def test_an_image_damaged_inside_gives_no_pose(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """OpenCV would show its lower part shifted, and the detector find markers in there."""
+    with LogReader(worlds.small_log(tmp_path / "drawn.mcap", 6, exact=False)) as log:
+        files, drawn = dict(log.attachments), images(log)
+    path = tmp_path / "log.mcap"
+    with LogWriter(path, attachments=files, session={}) as writer:
+        for image in drawn:
+            data = image.data
+            if image.frame_index == 3:
+                middle = len(data) // 2
+                data = data[:middle] + data[middle + 200 :]
+            stamps = (image.timestamp_ns, image.arrival_ns)
+            writer.write_frame(CapturedFrame(image.frame_index, *stamps, data, "jpeg"))
+    capfd.readouterr()
+    summary = replay_log(path, tmp_path / "result", "all", ReplayOptions(progress=False))
+    assert summary["status"] == {"ok": 5, "undecodable": 1}
+    poses = pd.read_parquet(tmp_path / "result" / "poses.parquet")
+    assert poses.set_index("frame_index").loc[3, "status"] == "undecodable"
+    said = "1 image damaged or of another size, without a pose; `arucolog verify` says which"
+    assert said in warnings(summary)
+    # Nor does a decoder print lines of its own.
+    assert capfd.readouterr().err == ""

@@ -17,7 +17,8 @@ import pytest
 
 from recorder.errors import InputError
 from recorder.image_header import ImageHeader, read_header
-from recorder.log.reader import LogEvent, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogEvent
 from recorder.record import record
 from recorder.sources.base import CapturedFrame
 from recorder.sources.live import stream
@@ -121,14 +122,22 @@ def test_a_stall_loses_nothing() -> None:
 def test_a_recording_says_all_that_went_wrong(tmp_path: Path) -> None:
     faults = {
         15: Fault("stall", 0.5),
-        20: Fault("corrupt"),
+        10: Fault("corrupt"),
         30: Fault("empty"),
         40: Fault("truncated"),
         50: Fault("cut"),
         60: Fault("down", 0.5),
     }
     shifts = {70: -5.0}
-    script = Script(count=90, rate_hz=60, stamps=True, stamp_shifts_s=shifts, faults=faults)
+    script = Script(
+        count=90,
+        rate_hz=60,
+        width_px=320,
+        height_px=240,
+        stamps=True,
+        stamp_shifts_s=shifts,
+        faults=faults,
+    )
     with MjpegServer(script) as server:
         source = http_camera(server.url)
 
@@ -141,7 +150,9 @@ def test_a_recording_says_all_that_went_wrong(tmp_path: Path) -> None:
         summary = record(source, tmp_path / "log.mcap")
         served = server.served()
     counts = summary.counts
-    assert (counts.written, counts.dropped, counts.corrupt, counts.stamped_back) == (89, 2, 1, 1)
+    assert (counts.written, counts.dropped, counts.corrupt, counts.stamped_back) == (89, 2, 2, 1)
+    assert (summary.outages.count, summary.outages.at_end) == (2, False)
+    assert 0.4 < summary.outages.seconds < 4
     assert counts.late >= 2
     with LogReader(tmp_path / "log.mcap") as log:
         assert [hashlib.sha256(i.data).hexdigest() for i in images(log)] == with_bytes(served)
@@ -151,7 +162,8 @@ def test_a_recording_says_all_that_went_wrong(tmp_path: Path) -> None:
     rules = {v.rule: v.level for v in verify([tmp_path / "log.mcap"]).rules}
     assert rules["counts"] == rules["end"] == "ok"
     for words in (
-        "frame 15 is late", "frame 30 is empty", "frame 40 is a jpeg image without its end",
+        "frame 10 is a damaged jpeg image", "frame 15 is late", "frame 30 is empty",
+        "frame 40 is a jpeg image without its end",
         "connection lost in the middle of frame 50", "connection lost after frame 60",
         "connected again", "frame 71 is stamped",
     ):  # fmt: skip

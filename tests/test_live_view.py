@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, closing, contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,9 +22,11 @@ from click.testing import CliRunner
 import recorder.cli
 from pipeline.localizer import Frame, Localizer, PipelineSettings
 from recorder.errors import InputError
+from recorder.image_decoding import decode_gray
 from recorder.live_option import OpenView
 from recorder.log.derived import Known
-from recorder.log.reader import LogImage, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogImage
 from recorder.record import record
 from recorder.sources.base import CapturedFrame, Source
 from recorder.sources.opening import open_source
@@ -36,7 +37,6 @@ from replay.live.child import ViewSetup
 from replay.live.sink import live_sink
 from replay.live.stream import NAME, LiveDrive, LiveImages
 from replay.live.view import LiveView
-from replay.stages import decode
 from replay.viewer import style
 from replay.viewer.output import RecordingFile
 from replay.viewer.program import has_graphics, viewer_program
@@ -46,6 +46,7 @@ from tests.live_sources import LiveScript
 from tests.log_helpers import images
 from tests.mjpeg_server import Script
 from tests.picture_server import ATTACHMENTS, PictureServer, pictures
+from tests.ports import black_hole, free_port, nobody
 from tests.rrd_files import entities, rows, static
 
 PATHS = style.ResultPaths(NAME)
@@ -124,7 +125,7 @@ def test_the_stream_holds_image_detections_pose_and_tracks(tmp_path: Path) -> No
     results = []
     for i in range(20):
         frame = captured(i)
-        found = localizer.step(Frame(i, frame.timestamp_ns, decode(frame.data)))
+        found = localizer.step(Frame(i, frame.timestamp_ns, decode_gray(frame.data)))
         drive.show(image_of(frame), found, worlds.drive(20)[i] if i > 4 else None)
         results.append(found)
     file.close()
@@ -159,21 +160,6 @@ def test_images_alone_leave_out_what_is_none(tmp_path: Path) -> None:
         view.show(image_of(replace(frame, data=frame.data[:500]) if i == 2 else frame))
     file.close()
     assert set(rows(tmp_path / "live.rrd", style.IMAGE, "EncodedImage:blob")) == {0, 1, 3}
-
-
-@contextmanager
-def black_hole() -> Iterator[int]:
-    """A port where somebody accepts and never reads."""
-    with closing(socket.create_server(("127.0.0.1", 0))) as listener:
-        yield listener.getsockname()[1]
-
-
-@contextmanager
-def nobody() -> Iterator[int]:
-    """A port where nobody listens."""
-    with closing(socket.socket()) as taken:
-        taken.bind(("127.0.0.1", 0))
-        yield taken.getsockname()[1]
 
 
 @pytest.mark.parametrize("viewer", [black_hole, nobody])
@@ -241,11 +227,6 @@ def wait_for(condition: Callable[[], bool], timeout_s: float = 30.0) -> None:
     while not condition():
         assert time.monotonic() < until
         time.sleep(0.05)
-
-
-def free_port() -> int:
-    with nobody() as port:
-        return port
 
 
 def test_a_viewer_that_is_killed_is_found_again_when_it_is_back(
@@ -371,3 +352,15 @@ def test_the_verb_hands_its_frames_to_whoever_shows_them(tmp_path: Path) -> None
     # Without anybody to show them there is no such option.
     log = str(tmp_path / "other.mcap")
     assert CliRunner().invoke(record_verb(None), [str(folder), "-o", log, "--live"]).exit_code == 2
+
+
+@pytest.mark.parametrize("source", ["http://robot.local/stream", "/dev/video0"])
+def test_a_source_behind_live_is_no_viewer(source: str) -> None:
+    @contextmanager
+    def show(*_: object) -> Iterator[Callable[[CapturedFrame], None]]:
+        yield lambda frame: None
+
+    (verb,) = (verb for verb in recorder.cli.commands(show) if verb.name == "record")
+    done = CliRunner().invoke(verb, ["--live", source])
+    assert done.exit_code == 2
+    assert f"found '{source}'; SOURCE goes before --live" in " ".join(done.stderr.split())

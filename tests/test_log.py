@@ -19,7 +19,8 @@ from pipeline.camera import Camera
 from pipeline.geometry import Pose
 from recorder.errors import InputError
 from recorder.log import messages
-from recorder.log.reader import ExactPose, LogEvent, LogImage, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import ExactPose, LogEvent, LogImage
 from recorder.log.writer import LogWriter
 from recorder.sources.base import CapturedFrame
 from tests.log_helpers import (

@@ -17,7 +17,8 @@ from recorder.errors import InputError
 from recorder.info import log_info
 from recorder.info_text import info_text
 from recorder.log.parts import PartsReader, group_parts, open_log, whole_path
-from recorder.log.reader import LogEvent, LogImage, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogEvent, LogImage
 from recorder.quantities import parse_duration, parse_size
 from recorder.record import record
 from recorder.record_text import summary_text

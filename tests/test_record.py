@@ -24,7 +24,8 @@ from recorder.files.map_file import parse_map
 from recorder.files.truth_file import parse_truth
 from recorder.info import ImageCounter, log_info
 from recorder.info_text import info_text
-from recorder.log.reader import ExactPose, LogEvent, LogImage, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import ExactPose, LogEvent, LogImage
 from recorder.log.writer import LogWriter
 from recorder.record import record
 from recorder.record_text import ending_text

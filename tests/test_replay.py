@@ -12,12 +12,13 @@ import pytest
 
 from pipeline.localizer import Frame, Localizer, PipelineSettings
 from recorder.errors import InputError
-from recorder.log.reader import LogImage, LogReader
+from recorder.image_decoding import decode_gray
+from recorder.log.reader import LogReader
+from recorder.log.records import LogImage
 from replay.inputs import Overrides
 from replay.report import summary_text, warnings
 from replay.result import new_result, open_result
 from replay.run import ReplayOptions, replay
-from replay.stages import decode
 from tests import worlds
 
 CONTRACT = {
@@ -112,7 +113,7 @@ def test_replay_equals_live(log: Path, result: Path) -> None:
         assert reader.start_ns is not None
         localizer = Localizer(PipelineSettings(), camera, marker_map, reader.start_ns)
         live = [
-            localizer.step(Frame(r.frame_index, r.timestamp_ns, decode(r.data)))
+            localizer.step(Frame(r.frame_index, r.timestamp_ns, decode_gray(r.data)))
             for r in reader.records()
             if isinstance(r, LogImage)
         ]

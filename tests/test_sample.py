@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from recorder.info import log_info
-from recorder.log.reader import ExactPose, LogEvent, LogImage, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import ExactPose, LogEvent, LogImage
 from tests.make_sample import EXPECTED, LOG, replayed
 
 

@@ -14,12 +14,14 @@ import pytest
 from recorder.errors import InputError
 from recorder.files.yaml_file import read_bytes
 from recorder.image_header import ImageHeader, read_header
-from recorder.log.reader import LogEvent, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogEvent
 from recorder.record import record
 from recorder.sources.base import CapturedFrame, SourceEvent
 from recorder.sources.images import ImagesSource
 from recorder.sources.opening import SourceOptions, open_source, parse_start
 from recorder.sources.video import VideoSource
+from tests.log_helpers import write_log
 
 GRAY = np.random.default_rng(3).integers(0, 256, (48, 64), dtype=np.uint8)
 
@@ -322,6 +324,7 @@ def test_a_source_is_chosen_by_what_it_is(tmp_path: Path) -> None:
         ("/dev/video99", SourceOptions(), "expected a camera, found: no such file"),
         ("samples", SourceOptions(), r"scenes that come along: .*hard, .*sample"),
         ("x.mcap", SourceOptions(), "found a log"),
+        ("y.mcap", SourceOptions(), "expected an MCAP, found a file that starts with"),
         ("x.txt", SourceOptions(), "expected a video, found something else"),
         ("a.mkv", SourceOptions(fps=Fraction(3)), "no --fps for a video"),
         (".", SourceOptions(encoding="png"), "no --encoding for images"),
@@ -333,7 +336,8 @@ def test_what_is_no_source_is_said(
     monkeypatch.chdir(tmp_path)
     make_video(Path("a.mkv"), "mjpeg", 1)
     Path("a.png").write_bytes(encoded(".png"))
-    Path("x.mcap").write_bytes(b"log")
+    write_log(Path("x.mcap"), 1)
+    Path("y.mcap").write_bytes(b"log")
     Path("x.txt").write_bytes(b"text")
     with pytest.raises(InputError, match=words):
         list(open_source(spec, options).frames())

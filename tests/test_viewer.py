@@ -15,7 +15,8 @@ from pipeline.geometry import Pose
 from pipeline.localizer import FrameResult, Localizer, PipelineSettings
 from recorder.errors import InputError
 from recorder.files.truth_file import Truth, TruthPath
-from recorder.log.reader import LogEvent, LogImage, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogEvent, LogImage
 from replay.run import ReplayOptions, replay
 from replay.viewer import scene, style
 from replay.viewer.layout import ResultLayout, eye_on

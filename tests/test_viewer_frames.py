@@ -14,7 +14,7 @@ from pipeline.localizer import Localizer, PipelineSettings
 from pipeline.pose import PoseFix
 from recorder.files.camera_file import camera_yaml
 from recorder.files.map_file import map_yaml
-from recorder.log.reader import LogEvent, LogImage
+from recorder.log.records import LogEvent, LogImage
 from recorder.log.writer import LogWriter
 from recorder.sources.base import CapturedFrame
 from replay.viewer import style

@@ -24,7 +24,8 @@ from recorder.files.truth_file import StoodPose, Truth, Waypoint
 from recorder.info import log_info
 from recorder.info_text import info_text
 from recorder.log.parts import open_log
-from recorder.log.reader import LogEvent, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogEvent
 from recorder.log.writer import LogWriter
 from recorder.record import record
 from recorder.sources.base import CapturedFrame, SourceEvent

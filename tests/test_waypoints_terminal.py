@@ -15,7 +15,8 @@ import pytest
 
 from recorder.bench import keyboard
 from recorder.bench.session import waypoint_keys
-from recorder.log.reader import LogEvent, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import LogEvent
 from recorder.sources.live.http_mjpeg import http_camera
 from tests.conftest import ROOT
 from tests.log_helpers import png

@@ -9,7 +9,9 @@ from dataclasses import dataclass
 
 from recorder.capture.disk import DiskGuard, SyncThread
 from recorder.capture.frame_queue import FrameQueue
+from recorder.capture.inspection import InspectionThread
 from recorder.capture.notes import Notes
+from recorder.capture.outages import OutageClock
 from recorder.capture.parts import PartsWriter
 from recorder.capture.sink_thread import SinkThread
 from recorder.errors import InputError
@@ -37,6 +39,7 @@ class LogThread(threading.Thread):
     """Empties `queue` into `writer`, frame by frame, until the queue has ended.
 
     Attributes:
+        outages: of the source.
         error: what stopped it.
         disk_is_low: there is little space left; it goes on until the queue has ended.
     """
@@ -49,22 +52,26 @@ class LogThread(threading.Thread):
         sinks: Sequence[SinkThread],
         guard: DiskGuard,
         sync: SyncThread | None,
+        inspection: InspectionThread | None,
         notes: Notes | None,
         on_written: Callable[[CapturedFrame], None] | None = None,
     ) -> None:
-        """`sync`: for frames that come only once; without it chunks close by log time alone."""
+        """`sync`, `inspection`: for frames that come only once. Without the first, chunks close by
+        log time alone."""
         super().__init__(name="log", daemon=True)
         self._queue = queue
         self._writer = writer
         self._sinks = sinks
         self._guard = guard
         self._sync = sync
+        self._inspection = inspection
         self._notes = notes
         self._on_written = on_written
         self._told: set[SinkThread] = set()
         self._taken = 0
         self._flushed_at = self._synced_at = self._looked_at = time.monotonic()
         self._framed_at = 0.0
+        self.outages = OutageClock()
         self.error: BaseException | None = None
         self.disk_is_low = False
 
@@ -83,6 +90,8 @@ class LogThread(threading.Thread):
             while not self._queue.ended:
                 self._write_next()
                 self._look_around()
+            if self._inspection is not None:
+                self._inspection.close()
             self._write_notes()
         except BaseException as error:
             self.error = error
@@ -94,6 +103,8 @@ class LogThread(threading.Thread):
         if item is None:
             return
         if isinstance(item, SourceEvent):
+            if item.connected is not None:
+                self.outages.tell(connected=item.connected)
             self._writer.log.write_event(
                 item.timestamp_ns, item.level, item.message, dropped=item.dropped
             )
@@ -101,8 +112,11 @@ class LogThread(threading.Thread):
         self._taken += 1
         if self._sync is not None and not self._writer.log.has_open_chunk:
             self._flushed_at = time.monotonic()
-        self._writer.write_frame(item)
+        fault = self._writer.write_frame(item)
         self._framed_at = time.monotonic()
+        # Images in other formats were compressed here.
+        if self._inspection is not None and fault is None and item.format == "jpeg":
+            self._inspection.offer(item)
         if self._on_written is not None:
             self._on_written(item)
         for sink in self._sinks:
@@ -144,6 +158,8 @@ class LogThread(threading.Thread):
                 name=note.name,
                 arrival_ns=note.arrival_ns,
             )
+        for found in self._inspection.take() if self._inspection is not None else ():
+            log.count_inspected(*found)
         for sink in self._sinks:
             if sink.error is not None and sink not in self._told:
                 self._told.add(sink)

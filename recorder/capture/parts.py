@@ -117,15 +117,16 @@ class PartsWriter:
         """The log that is being written."""
         return self._log
 
-    def write_frame(self, frame: CapturedFrame) -> None:
+    def write_frame(self, frame: CapturedFrame) -> str | None:
         """As `LogWriter.write_frame`, in the next part if this one is full."""
         if self._is_full(frame):
             self._next()
-        self._log.write_frame(frame)
+        fault = self._log.write_frame(frame)
         if self._start_ns is None:
             self._start_ns = frame.timestamp_ns
         if self._part_start_ns is None:
             self._part_start_ns, self._part_begun_ns = frame.arrival_ns, time.monotonic_ns()
+        return fault
 
     def sync(self) -> None:
         """As `LogWriter.sync`, from any thread."""

@@ -9,8 +9,10 @@ from typing import Literal
 
 from recorder.capture.disk import DiskGuard, SyncThread
 from recorder.capture.frame_queue import FrameQueue
+from recorder.capture.inspection import InspectionThread
 from recorder.capture.log_thread import LogThread, Problem
 from recorder.capture.notes import Notes
+from recorder.capture.outages import Outages
 from recorder.capture.parts import PartsWriter
 from recorder.capture.sink_thread import FrameSink, SinkThread
 from recorder.capture.source_thread import SourceThread, is_live
@@ -51,6 +53,9 @@ class Recording:
     """Runs a source in one thread, the log in a second, each viewer in one of its own.
 
     The thread that calls `run` watches, and alone is told to stop.
+
+    Attributes:
+        outages: of the source, once `run` has ended.
     """
 
     def __init__(
@@ -70,6 +75,7 @@ class Recording:
         self._queue = FrameQueue(waits=not self._live)
         self._sinks = [SinkThread(sink, waits=not self._live) for sink in sinks]
         self._stopping = False
+        self.outages = Outages()
 
     @property
     def display_dropped(self) -> int:
@@ -88,12 +94,14 @@ class Recording:
             Why it ended; for `failed` the error.
         """
         sync = SyncThread(writer.sync) if self._live else None
+        inspection = InspectionThread() if self._live else None
         log = LogThread(
             self._queue,
             writer,
             sinks=self._sinks,
             guard=guard,
             sync=sync,
+            inspection=inspection,
             notes=self._notes,
             on_written=self._on_written,
         )
@@ -108,7 +116,7 @@ class Recording:
             if on_status is not None:
                 on_status(self._status(writer, guard, log))
 
-        for thread in (sync, *self._sinks, log, source):
+        for thread in (sync, inspection, *self._sinks, log, source):
             if thread is not None:
                 thread.start()
         try:
@@ -121,6 +129,9 @@ class Recording:
             for sink in self._sinks:
                 sink.close(_STOP_S)
             log.join()
+            self.outages = log.outages.outages
+            if inspection is not None:
+                inspection.close()
             if sync is not None:
                 sync.close()
         tell()

@@ -17,6 +17,7 @@ class FrameCounts:
         dropped: left out of the frame numbers, or announced as lost.
         late: came when nearly twice the usual time had passed; of live sources only.
         corrupt: not whole images, or not of the size of the others.
+        inspected: looked into; of the others only the header and the end.
         stamped_back: captured, as it seems, before the frame before them.
     """
 
@@ -24,6 +25,7 @@ class FrameCounts:
     dropped: int = 0
     late: int = 0
     corrupt: int = 0
+    inspected: int = 0
     stamped_back: int = 0
 
     def __add__(self, other: FrameCounts) -> FrameCounts:

@@ -159,8 +159,11 @@ class LogWriter:
         """
         self._output.sync()
 
-    def write_frame(self, frame: CapturedFrame) -> None:
+    def write_frame(self, frame: CapturedFrame) -> str | None:
         """One image and, where it is known, the camera's exact pose.
+
+        Returns:
+            What shows that the image is corrupt, in a few words; None where nothing does.
 
         Raises:
             InputError: its size is not the calibration's, or not that of the frames before, and it
@@ -182,6 +185,23 @@ class LogWriter:
                     frame.timestamp_ns, self._known.map_frame, frame.T_map_camera
                 )
                 self._output.write(topics.TRUTH_EXACT, pose, *stamps)
+        self._check_space()
+        return fault
+
+    def count_inspected(self, frame_index: int, timestamp_ns: int, flaw: str | None) -> None:
+        """A frame that is in the log was looked into: `flaw` says what is wrong inside it.
+
+        Raises:
+            DiskFullError: as `write_frame`.
+        """
+        self.counts.inspected += 1
+        if flaw is None:
+            return
+        self.counts.corrupt += 1
+        arrival_ns = self.last_stamps[1]
+        with uninterrupted():
+            for text in self._journal.admit(arrival_ns, f"frame {frame_index} is {flaw}"):
+                self._event(timestamp_ns, arrival_ns, "warning", text)
         self._check_space()
 
     def write_event(

@@ -38,12 +38,14 @@ class SourceEvent:
         timestamp_ns: capture time of the frame concerned, else of the last good one.
         level: `info`, `warning` or `error`.
         dropped: how many frames were lost with it.
+        connected: of a live source: False when it was lost with this, True when it is back.
     """
 
     timestamp_ns: int
     level: str
     message: str
     dropped: int = 0
+    connected: bool | None = None
 
 
 class Source(Protocol):

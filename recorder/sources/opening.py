@@ -55,7 +55,7 @@ def open_source(spec: str, options: SourceOptions | None = None) -> Source:
     suffix = path.suffix.lower()
     if suffix in (".yaml", ".yml"):
         return _scene(path, options)
-    if path.is_dir() or suffix in (".bag", ".db3", ".mcap"):
+    if path.is_dir() or suffix in (".bag", ".active", ".db3", ".mcap"):
         from recorder.sources.bags.bag import is_bag
 
         if is_bag(path):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from pipeline.camera import Camera
     from pipeline.localizer import Frame, FrameResult, PipelineSettings
-    from recorder.log.reader import LogImage
+    from recorder.log.records import LogImage
 
 # What a viewer has not taken by then, it will not take.
 _PATIENCE_S = 10.0
@@ -111,7 +111,7 @@ def _serve(connection: Connection, url: str, setup: ViewSetup) -> None:
 
 
 def _image(frame: CapturedFrame) -> LogImage:
-    from recorder.log.reader import LogImage
+    from recorder.log.records import LogImage
 
     stamps = (frame.timestamp_ns, frame.arrival_ns)
     return LogImage(frame.frame_index, *stamps, frame.data, frame.format)
@@ -119,9 +119,9 @@ def _image(frame: CapturedFrame) -> LogImage:
 
 def _frame(frame: CapturedFrame, camera: Camera) -> Frame:
     from pipeline.localizer import Frame
-    from replay.stages import decode
+    from recorder.image_decoding import decode_gray
 
-    image = decode(frame.data)
+    image = decode_gray(frame.data)
     if image is not None and image.shape[::-1] != camera.image_size:
         image = None
     return Frame(frame.frame_index, frame.timestamp_ns, image)

@@ -8,7 +8,7 @@ from pipeline.geometry import Pose
 from pipeline.localizer import FrameResult
 from recorder.log.derived import Known
 from recorder.log.frame_checks import image_fault
-from recorder.log.reader import LogImage
+from recorder.log.records import LogImage
 from replay.truth import MeasuredTruth
 from replay.viewer import scene
 from replay.viewer.frame_rows import FrameRows

@@ -21,7 +21,7 @@ import numpy as np
 from pipeline.detection import Detections
 from pipeline.geometry import Pose
 from pipeline.localizer import FrameResult, PipelineSettings
-from recorder.log.reader import ExactPose, LogImage
+from recorder.log.records import ExactPose, LogImage
 from recorder.sources.base import CapturedFrame
 from replay.inputs import Inputs
 from replay.live.gate import Admission

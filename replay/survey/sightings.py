@@ -15,7 +15,8 @@ from pipeline.geometry import Pose
 from pipeline.markers import MarkerMap
 from pipeline.pose import RansacIterative
 from pipeline.selection import usable
-from recorder.log.reader import ExactPose, LogEvent, LogImage, LogReader
+from recorder.log.reader import LogReader
+from recorder.log.records import ExactPose, LogEvent, LogImage
 from replay.stages import PairedImage, cores, detect_ahead, opencv_threads
 
 # Markers that are a few centimetres off fit worse than the default allows; here only poses to start

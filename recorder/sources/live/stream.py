@@ -157,7 +157,7 @@ class LiveCamera:
             except InputError as error:
                 if down_since_s is None:
                     down_since_s = time.monotonic()
-                    yield self._event("error", f"no connection: {error.problem}")
+                    yield self._event("error", f"no connection: {error.problem}", connected=False)
                 self._stopped.wait(pause_s)
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
                 continue
@@ -167,7 +167,9 @@ class LiveCamera:
                 for item in self._received(connection):
                     if down_since_s is not None:
                         gone_s = time.monotonic() - down_since_s
-                        yield self._event("warning", f"connected again after {gone_s:.1f} s")
+                        yield self._event(
+                            "warning", f"connected again after {gone_s:.1f} s", connected=True
+                        )
                         down_since_s, pause_s = None, _FIRST_PAUSE_S
                     yield item
             except ConnectionLost as lost:
@@ -188,10 +190,13 @@ class LiveCamera:
         if lost.cut:
             self._progress.next_index += 1
             return self._event(
-                "error", f"connection lost in the middle of frame {number}: {lost}", dropped=1
+                "error",
+                f"connection lost in the middle of frame {number}: {lost}",
+                dropped=1,
+                connected=False,
             )
         place = f"after frame {number - 1}" if number else "before the first frame"
-        return self._event("error", f"connection lost {place}: {lost}")
+        return self._event("error", f"connection lost {place}: {lost}", connected=False)
 
     def _received(self, connection: Connection) -> Iterator[CapturedFrame | SourceEvent]:
         """What comes over one connection.
@@ -247,8 +252,10 @@ class LiveCamera:
         opening.add_done_callback(_close_result)
         return None
 
-    def _event(self, level: str, text: str, dropped: int = 0) -> SourceEvent:
-        return SourceEvent(self._progress.last_ns, level, text, dropped)
+    def _event(
+        self, level: str, text: str, dropped: int = 0, connected: bool | None = None
+    ) -> SourceEvent:
+        return SourceEvent(self._progress.last_ns, level, text, dropped, connected)
 
 
 def _close_result(opening: Future[Connection]) -> None:

@@ -1,0 +1,136 @@
+"""Damage inside images: found where it is, and not where a camera merely pads its data."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from recorder.image_decoding import decode_gray, flaw
+
+SAMPLINGS = {
+    "4:2:0": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420,
+    "4:2:2": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422,
+    "4:4:4": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+}
+END = b"\xff\xd9"
+
+
+def jpeg(
+    *, sampling: str = "4:2:2", quality: int = 85, progressive: bool = False, restart: int = 0
+) -> bytes:
+    """480x360 with something to see everywhere."""
+    pixels = np.random.default_rng(3).integers(0, 256, (360, 480, 3), np.uint8)
+    options = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_PROGRESSIVE, int(progressive)]
+    options += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, SAMPLINGS[sampling]]
+    options += [cv2.IMWRITE_JPEG_RST_INTERVAL, restart]
+    return cv2.imencode(".jpg", cv2.GaussianBlur(pixels, (5, 5), 2), options)[1].tobytes()
+
+
+def of_opencv(data: bytes) -> NDArray[np.uint8]:
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert image is not None
+    return np.asarray(image, np.uint8)
+
+
+def without_tables(data: bytes) -> bytes:
+    """As many a webcam's: the Huffman tables are left out, being always the same."""
+    kept, at = data[:2], 2
+    while data[at + 1] != 0xDA:
+        end = at + 2 + int.from_bytes(data[at + 2 : at + 4])
+        kept += b"" if data[at + 1] == 0xC4 else data[at:end]
+        at = end
+    return kept + data[at:]
+
+
+def padded(data: bytes, padding: bytes) -> bytes:
+    """With bytes of no use before each restart marker and the end, as webcams give it."""
+    start = data.index(b"\xff\xda")
+    scan = re.sub(rb"\xff[\xd0-\xd7\xd9]", lambda found: padding + found[0], data[start:])
+    return data[:start] + scan
+
+
+@pytest.mark.parametrize("sampling", SAMPLINGS)
+@pytest.mark.parametrize("progressive", [False, True])
+@pytest.mark.parametrize("restart", [0, 7])
+def test_pixels_are_those_of_opencv(sampling: str, progressive: bool, restart: int) -> None:
+    data = jpeg(sampling=sampling, progressive=progressive, restart=restart)
+    found = decode_gray(data)
+    assert found is not None
+    np.testing.assert_array_equal(found, of_opencv(data))
+    assert flaw(data, "jpeg") is None
+
+
+@pytest.mark.parametrize("change", [without_tables, lambda d: d[:-2], lambda d: d + bytes(700)])
+def test_habits_of_cameras_are_no_damage(change: Callable[[bytes], bytes]) -> None:
+    data = jpeg()
+    found = decode_gray(change(data))
+    assert found is not None
+    np.testing.assert_array_equal(found, of_opencv(data))
+    assert flaw(change(data), "jpeg") is None
+
+
+@pytest.mark.parametrize("restart", [0, 30])
+@pytest.mark.parametrize("padding", [b"\0", b"\0\0\0", b"\x3f\x20\x11\x07"])
+def test_padding_is_no_damage(
+    restart: int, padding: bytes, capfd: pytest.CaptureFixture[str]
+) -> None:
+    data = jpeg(restart=restart)
+    found = decode_gray(padded(data, padding))
+    assert found is not None
+    np.testing.assert_array_equal(found, of_opencv(data))
+    assert flaw(padded(data, padding), "jpeg") is None
+    # OpenCV would print a line for each.
+    assert capfd.readouterr().err == ""
+
+
+def cut_out(data: bytes, at: int, rng: np.random.Generator) -> bytes:
+    return data[:at] + data[at + 512 :]
+
+
+def garbled(data: bytes, at: int, rng: np.random.Generator) -> bytes:
+    return data[:at] + rng.bytes(2048) + data[at + 2048 :]
+
+
+def blank(data: bytes, at: int, rng: np.random.Generator) -> bytes:
+    return data[:at] + bytes(512) + data[at + 512 :]
+
+
+def ends_early(data: bytes, at: int, rng: np.random.Generator) -> bytes:
+    return data[:at] + END
+
+
+@pytest.mark.parametrize("damage", [cut_out, garbled, blank, ends_early])
+@pytest.mark.parametrize("habit", [lambda d: d, lambda d: padded(d, b"\0\0")])
+def test_damage_inside_is_found(
+    damage: Callable[[bytes, int, np.random.Generator], bytes],
+    habit: Callable[[bytes], bytes],
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    rng = np.random.default_rng(8)
+    data = habit(jpeg(quality=75))
+    missed = 0
+    for at in rng.integers(len(data) // 10, len(data) - 2500, 60):
+        broken = damage(data, int(at), rng)
+        assert (decode_gray(broken) is None) == (flaw(broken, "jpeg") is not None)
+        missed += decode_gray(broken) is not None
+    # The rest of the data may read as another picture, once in a while.
+    assert missed <= 1
+    assert capfd.readouterr().err == ""
+
+
+def test_what_is_no_image() -> None:
+    png = cv2.imencode(".png", of_opencv(jpeg()))[1].tobytes()
+    found = decode_gray(png)
+    assert found is not None
+    np.testing.assert_array_equal(found, of_opencv(jpeg()))
+    middle = len(png) // 2
+    broken = png[:middle] + bytes([png[middle] ^ 1]) + png[middle + 1 :]
+    for data in (b"", b"no image", END, b"\xff\xd8", jpeg()[:200], broken):
+        assert decode_gray(data) is None
+    assert flaw(broken, "png") == "no png image that can be decoded"
+    assert flaw(b"\xff\xd8", "jpeg") == "a damaged jpeg image"
