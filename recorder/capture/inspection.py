@@ -14,7 +14,7 @@ from recorder.sources.base import CapturedFrame
 
 # Of the time of one core. 1280x720 at 30 frames/s needs about so much, 1920x1080 twice as much:
 # then every second image is looked into.
-_SHARE = 0.04
+_SHARE = 0.03
 # Frames that come at once, after a pause, wait; of more than these the newest.
 _WAITING = 8
 
