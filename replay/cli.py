@@ -134,4 +134,10 @@ def view(paths: tuple[Path, ...], save: Path | None, force: bool) -> None:
     from replay.viewer.open import view as open_viewer
 
     check_suffix(save, [".rrd"])
-    open_viewer(list(paths), save=save, force=force)
+
+    def warn(text: str) -> None:
+        click.echo(f"Warning: {text}", err=True)
+
+    open_viewer(list(paths), save=save, force=force, warn=warn)
+    if save is not None:
+        click.echo(save)

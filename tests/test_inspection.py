@@ -38,6 +38,14 @@ class Camera(LiveScript):
         super().__init__(frames, rate_hz=rate_hz)
 
 
+@pytest.fixture
+def all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It looks into every frame, also where the machine is busy."""
+    monkeypatch.setattr(inspection, "_SHARE", 1.0)
+    monkeypatch.setattr(inspection, "_WAITING", 100)
+
+
+@pytest.mark.usefixtures("all_the_time")
 def test_damage_is_counted_told_and_in_the_log(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     summary = record(Camera(40, (7, 8, 39), rate_hz=50), path)
@@ -54,6 +62,7 @@ def test_damage_is_counted_told_and_in_the_log(tmp_path: Path) -> None:
     assert rules["images"].text.startswith("3 frames corrupt")
 
 
+@pytest.mark.usefixtures("all_the_time")
 def test_the_parts_of_a_recording_say_together_what_was_found(tmp_path: Path) -> None:
     from recorder.capture.parts import SplitLimit
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from recorder.capture import inspection
 from recorder.errors import InputError
 from recorder.image_header import ImageHeader, read_header
 from recorder.log.reader import LogReader
@@ -119,7 +120,11 @@ def test_a_stall_loses_nothing() -> None:
     assert taken.frames[20].arrival_ns - taken.frames[19].arrival_ns >= 0.59e9
 
 
-def test_a_recording_says_all_that_went_wrong(tmp_path: Path) -> None:
+def test_a_recording_says_all_that_went_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Frame 10 is looked into, also where the machine is busy.
+    monkeypatch.setattr(inspection, "_SHARE", 1.0)
     faults = {
         15: Fault("stall", 0.5),
         10: Fault("corrupt"),

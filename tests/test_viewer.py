@@ -293,6 +293,16 @@ def test_saves_a_raw_log(result_folders: tuple[Path, Path, Path], tmp_path: Path
     np.testing.assert_allclose([p[0] for p in positions.values()], expected, atol=1e-6)
 
 
+def test_a_log_that_was_cut_short_is_shown_with_a_word(tmp_path: Path) -> None:
+    log = worlds.small_log(tmp_path / "log.mcap")
+    data = log.read_bytes()
+    log.write_bytes(data[: len(data) // 2])
+    told: list[str] = []
+    view([log], save=tmp_path / "log.rrd", warn=told.append)
+    (text,) = told
+    assert text.startswith(f"{log}: cut short after ")
+
+
 def test_results_of_different_logs_are_refused(
     result_folders: tuple[Path, Path, Path], tmp_path: Path
 ) -> None:

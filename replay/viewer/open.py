@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from recorder.errors import InputError
@@ -20,7 +20,12 @@ REPLAY_RRD = "replay.rrd"
 
 
 def view(
-    paths: Sequence[Path], *, spawn: bool = True, save: Path | None = None, force: bool = False
+    paths: Sequence[Path],
+    *,
+    spawn: bool = True,
+    save: Path | None = None,
+    force: bool = False,
+    warn: Callable[[str], None] = lambda text: None,
 ) -> None:
     """Shows logs or results of one log, until the viewer is closed.
 
@@ -28,6 +33,7 @@ def view(
         spawn: open the viewer; without it (and without `save`) only the files are made and checked.
         save: write one .rrd file there, and open nothing.
         force: replace a file `save` that exists, unless it is what `paths` show.
+        warn: told what a person should know of a log.
 
     Raises:
         InputError: a path is neither, results are of different logs or have no recording, `save`
@@ -45,14 +51,16 @@ def view(
         )
     target = None if save is None else save.resolve().parent
     with tempfile.TemporaryDirectory(prefix=".view-", dir=target) as folder:
-        recordings = prepare(paths, Path(folder))
+        recordings = prepare(paths, Path(folder), warn)
         if save is not None:
             _save(recordings, save)
         elif spawn:
             _show(recordings)
 
 
-def prepare(paths: Sequence[Path], folder: Path) -> list[Path]:
+def prepare(
+    paths: Sequence[Path], folder: Path, warn: Callable[[str], None] = lambda text: None
+) -> list[Path]:
     """The recordings to open, made in `folder` where they are not there already."""
     results = [open_result(path) for path in paths if path.is_dir()]
     logs = [path for path in paths if not path.is_dir()]
@@ -60,7 +68,8 @@ def prepare(paths: Sequence[Path], folder: Path) -> list[Path]:
         recordings = []
         for k, log in enumerate(dict.fromkeys(logs)):
             recordings.append(folder / f"{k}-{log.stem}.rrd")
-            convert(log, recordings[-1])
+            if shortfall := convert(log, recordings[-1]):
+                warn(f"{log}: {shortfall}")
         return recordings
     log_id = str(results[0].summary["log_sha256"])
     for result in results[1:]:

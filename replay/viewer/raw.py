@@ -17,8 +17,11 @@ from replay.viewer.output import RecordingFile
 from replay.viewer.thinning import Thinned
 
 
-def convert(log: Path, rrd: Path) -> None:
+def convert(log: Path, rrd: Path) -> str | None:
     """Writes what the log holds (images, camera, markers, truth, events) into `rrd`.
+
+    Returns:
+        Why the log holds less than was to be recorded, if it does.
 
     Raises:
         InputError: the log is not one.
@@ -31,6 +34,7 @@ def convert(log: Path, rrd: Path) -> None:
             file.discard()
             raise
         file.close()
+        return reader.shortfall
 
 
 def _write(reader: LogReader, file: RecordingFile) -> None:
