@@ -179,7 +179,7 @@ def record(
     ):
 
         def show(status: Status) -> None:
-            progress.show(status.counts.written, status_text(status), status.problem)
+            progress.show(status.counts.written, status_text(status), status.told)
             bench.refresh()
 
         summary = record_log(

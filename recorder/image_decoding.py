@@ -11,6 +11,8 @@ import simplejpeg
 from cv2.typing import MatLike
 from numpy.typing import NDArray
 
+from recorder.image_header import MOST_PADDING, read_header
+
 # The sensor's own rows and columns, whatever an EXIF tag says: those were calibrated.
 _GRAY = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 _JPEG_START = b"\xff\xd8"
@@ -18,24 +20,30 @@ _JPEG_END = b"\xff\xd9"
 # What libjpeg says of bytes that it has no use for. Webcams pad the data of good images with up to
 # nine (https://github.com/Motion-Project/motion/issues/65); damage leaves hundreds.
 _LEFT_OVER = re.compile(r"(\d+) extraneous bytes before marker")
-_PADDING = 16
 # Of eight, the strongest reduction, which takes the least time.
 _REDUCTION = 8
+# No camera has so many: a size with a flipped bit in it would cost the memory.
+_MOST_PIXELS = 2**28
 
 
-def decode_gray(data: bytes) -> NDArray[np.uint8] | None:
+def decode_gray(data: bytes, size: tuple[int, int] | None = None) -> NDArray[np.uint8] | None:
     """The gray image (H, W) in compressed bytes; None if there is none, or a part is damaged.
 
     Pixels are those of `cv2.imdecode`, which however makes do with a damaged JPEG: it shows the
     rest shifted, or in gray.
+
+    Args:
+        size: width and height; an image of another size is none.
     """
-    if not data.startswith(_JPEG_START):
-        image = _imdecode(data, _GRAY)
-        return None if image is None else np.asarray(image, dtype=np.uint8)
-    try:
-        return _jpeg(data)
-    except ValueError as error:
-        return _jpeg(data, strict=False) if _is_padded_only(data, error) else None
+    header = read_header(data)
+    if header is not None:
+        found = (header.width_px, header.height_px)
+        if size not in (None, found) or found[0] * found[1] > _MOST_PIXELS:
+            return None
+    image = _whole_jpeg(data) if data.startswith(_JPEG_START) else _imdecode(data, _GRAY)
+    if image is None or size not in (None, image.shape[::-1]):
+        return None
+    return np.asarray(image, dtype=np.uint8)
 
 
 def flaw(data: bytes, format: str) -> str | None:
@@ -46,14 +54,27 @@ def flaw(data: bytes, format: str) -> str | None:
     if format != "jpeg":
         image = _imdecode(data, cv2.IMREAD_REDUCED_GRAYSCALE_2)
         return f"no {format} image that can be decoded" if image is None else None
+    header = read_header(data)
+    if header is None or header.width_px * header.height_px > _MOST_PIXELS:
+        return "a damaged jpeg image"
+    return "a damaged jpeg image" if _whole_jpeg(data, _REDUCTION) is None else None
+
+
+def _whole_jpeg(data: bytes, reduction: int = 1) -> MatLike | None:
+    """The gray image, smaller by `reduction`; None if it is damaged."""
     try:
-        _jpeg(data, reduction=_REDUCTION)
+        return _jpeg(data, reduction, strict=True)
     except ValueError as error:
-        return None if _is_padded_only(data, error) else "a damaged jpeg image"
-    return None
+        if not _is_padded_only(data, error):
+            return None
+    try:
+        return _jpeg(data, reduction, strict=False)
+    except ValueError:
+        # Padded where libjpeg's callers do not expect it, in the header.
+        return _imdecode(data, _GRAY)
 
 
-def _jpeg(data: bytes, *, strict: bool = True, reduction: int = 1) -> NDArray[np.uint8]:
+def _jpeg(data: bytes, reduction: int, *, strict: bool) -> MatLike:
     """
     Raises:
         ValueError: it cannot be decoded, or, if `strict`, anything is odd about it.
@@ -61,7 +82,7 @@ def _jpeg(data: bytes, *, strict: bool = True, reduction: int = 1) -> NDArray[np
     # One that only lacks its end is complete: the recorder tells of it.
     ended = data if data.endswith(_JPEG_END) else data + _JPEG_END
     smallest = 1 if reduction > 1 else 0
-    image = simplejpeg.decode_jpeg(
+    image: NDArray[np.uint8] = simplejpeg.decode_jpeg(
         ended,
         "GRAY",
         min_height=smallest,
@@ -69,21 +90,21 @@ def _jpeg(data: bytes, *, strict: bool = True, reduction: int = 1) -> NDArray[np
         min_factor=reduction,
         strict=strict,
     )
-    return np.asarray(image[:, :, 0], dtype=np.uint8)
+    return image[:, :, 0]
 
 
 def _is_padded_only(data: bytes, error: ValueError) -> bool:
     """Whether libjpeg's first complaint is about a few bytes left over, and FFmpeg's decoder, told
     to give up at the first error, finds nothing else either."""
     left_over = _LEFT_OVER.search(str(error))
-    if left_over is None or int(left_over[1]) > _PADDING:
+    if left_over is None or int(left_over[1]) > MOST_PADDING:
         return False
     decoder = av.CodecContext.create("mjpeg", "r")
     decoder.options = {"err_detect": "explode", "lowres": "3"}
     decoder.thread_count = 1
     try:
         return len(decoder.decode(av.Packet(data))) + len(decoder.decode(None)) == 1
-    except av.FFmpegError:
+    except (av.FFmpegError, ValueError):
         return False
 
 

@@ -10,6 +10,8 @@ _JPEG_SOF = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_BARE = frozenset(range(0xD0, 0xD9)) | {0x01}
 _JPEG_END = b"\xff\xd9"
 _JPEG_APPENDED = 4096
+# Bytes of no use before a JPEG's marker that are a webcam's habit, not damage.
+MOST_PADDING = 16
 
 
 class ImageHeader(NamedTuple):
@@ -44,7 +46,8 @@ def is_cut(data: bytes, format: str) -> bool:
 
 def _jpeg(data: bytes) -> ImageHeader | None:
     at = 2
-    while data[at] == 0xFF:
+    # Some webcams pad their segments.
+    while (at := data.find(b"\xff", at, at + MOST_PADDING + 1)) >= 0:
         marker = data[at + 1]
         if marker == 0xFF:  # a fill byte
             at += 1

@@ -191,7 +191,7 @@ class ImageCounter:
         missing = np.maximum(np.diff(np.array(self._indices, dtype=np.int64)) - 1, 0)
         median_ns = float(np.median(steps_ns)) if len(steps_ns) else 0.0
         gaps = np.flatnonzero((missing > 0) | (steps_ns > _GAP_FACTOR * median_ns))
-        duration_s = float(times_ns[-1] - times_ns[0]) / 1e9 if len(times_ns) else 0.0
+        duration_s = float(np.maximum(steps_ns, 0).sum()) / 1e9
         return ImageInfo(
             count=len(times_ns),
             width_px=self._size[0],

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Iterable
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import click
 from tqdm import tqdm
-
-if TYPE_CHECKING:
-    from recorder.capture.log_thread import Problem
 
 # Without a terminal: how often to say that all is well, and the same problem again.
 _ALIVE_S = 60.0
@@ -33,23 +31,22 @@ class RecordProgress:
         self._told_at: dict[str, float] = {}
         self._alive_at = time.monotonic()
 
-    def show(self, written: int, status: str, problem: Problem | None) -> None:
-        """`written`: frames; `status`: one line; `problem`: the last one."""
+    def show(self, written: int, status: str, told: Iterable[str]) -> None:
+        """`written`: frames; `status`: one line; `told`: what went wrong since the last call."""
         if self._bar.disable:
-            self._say(written, status, problem)
+            self._say(written, status, told)
             return
         self._bar.set_postfix_str(status, refresh=False)
         self._bar.update(written - self._bar.n)
         self._bar.refresh()
 
-    def _say(self, written: int, status: str, problem: Problem | None) -> None:
+    def _say(self, written: int, status: str, told: Iterable[str]) -> None:
         now = time.monotonic()
-        if problem is not None:
-            kind = _NUMBERS.sub("#", problem.text)
-            told_at = now - problem.age_s
-            if told_at > self._told_at.get(kind, -_AGAIN_S) + _AGAIN_S:
-                self._told_at[kind] = told_at
-                click.echo(f"{self._verb}: {problem.text}", err=True)
+        for text in told:
+            kind = _NUMBERS.sub("#", text)
+            if kind not in self._told_at or now >= self._told_at[kind] + _AGAIN_S:
+                self._told_at[kind] = now
+                click.echo(f"{self._verb}: {text}", err=True)
         if now - self._alive_at >= _ALIVE_S:
             self._alive_at = now
             click.echo(f"{self._verb}: {written} frames, {status}", err=True)

@@ -91,5 +91,5 @@ def _faults(counts: FrameCounts) -> str:
     }
     parts += [f"{n} {what}" for what, n in others.items() if n]
     if 0 < counts.inspected < counts.written:
-        parts.append(f"{counts.inspected} looked into")
+        parts.append(f"{counts.inspected} decoded to look for damage")
     return ", ".join(parts)

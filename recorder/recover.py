@@ -13,7 +13,7 @@ from recorder.errors import InputError
 from recorder.log import ending, topics
 from recorder.log.counts import FrameCounts
 from recorder.log.damage import Damage
-from recorder.log.frame_checks import FrameChecks, image_fault
+from recorder.log.frame_checks import FrameChecks, image_fault, image_size
 from recorder.log.messages import from_image
 from recorder.log.reader import LogReader
 from recorder.log.writer import DiskFullError, LogWriter
@@ -62,7 +62,11 @@ def recover(log: Path, out: Path, *, force: bool = False) -> Recovered:
     if out.exists() and out.samefile(log):
         raise InputError(out, "expected another file than the log, which is left as it is")
     with LogReader(log) as reader:
-        counts = _Counter(live=topics.LIVE in reader.metadata.get(topics.SESSION, {}))
+        camera = reader.camera()
+        counts = _Counter(
+            live=topics.LIVE in reader.metadata.get(topics.SESSION, {}),
+            calibrated_size=camera.image_size if camera is not None else None,
+        )
         session = {"source": log.name, **reader.metadata.get(topics.SESSION, {})}
         session.pop("log_format", None)
         shown = set[str]().union(*(topics.SHOWN_ON.get(name, ()) for name in reader.attachments))
@@ -111,7 +115,8 @@ def _copy(reader: LogReader, writer: LogWriter, counts: _Counter, shown: set[str
                 problem = "expected foxglove.CompressedImage, found other bytes"
                 raise InputError(reader.path, problem, topics.IMAGE) from error
             stamps = (message.publish_time, message.log_time)
-            counts.add(message.sequence, *stamps, image_fault(data, format))
+            fault = image_fault(data, format) or counts.other_size(image_size(data))
+            counts.add(message.sequence, *stamps, fault)
         # What attachments show to viewers is made anew from them.
         if channel.topic not in shown:
             writer.copy(schema, channel, message)
@@ -121,26 +126,28 @@ def _copy(reader: LogReader, writer: LogWriter, counts: _Counter, shown: set[str
 class _Counter:
     """Counts frames anew: what a killed recorder counted died with it."""
 
-    def __init__(self, *, live: bool) -> None:
+    def __init__(self, *, live: bool, calibrated_size: tuple[int, int] | None) -> None:
+        self._size = calibrated_size
         self._checks = FrameChecks(live=live)
-        self._first_ns = self._last_ns = 0
         self.counts = FrameCounts()
 
     def add(self, index: int, timestamp_ns: int, arrival_ns: int, fault: str | None) -> None:
         verdict = self._checks.add(index, timestamp_ns, arrival_ns)
         counts = self.counts
-        if not counts.written:
-            self._first_ns = timestamp_ns
-        self._last_ns = timestamp_ns
         counts.written += 1
         counts.dropped += verdict.gap
         counts.late += verdict.late_ns > 0
         counts.stamped_back += verdict.back_ns > 0
         counts.corrupt += fault is not None
 
+    def other_size(self, size: tuple[int, int] | None) -> str | None:
+        """That an image is not of the calibration's size, or of that of those before."""
+        self._size = self._size or size
+        return None if size in (None, self._size) else "of another size"
+
     @property
     def duration_s(self) -> float:
-        return (self._last_ns - self._first_ns) / 1e9
+        return self._checks.passed_ns / 1e9
 
 
 def _problem(reader: LogReader) -> str | None:

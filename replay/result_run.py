@@ -39,11 +39,12 @@ class Tally:
         self.frames = 0
         self.fallback = 0
         self.status: Counter[str] = Counter()
-        self.start_ns = self.end_ns = 0
+        self.start_ns = self.end_ns = self._passed_ns = 0
 
     def add(self, result: FrameResult) -> None:
         if not self.frames:
-            self.start_ns = result.timestamp_ns
+            self.start_ns = self.end_ns = result.timestamp_ns
+        self._passed_ns += max(result.timestamp_ns - self.end_ns, 0)
         self.end_ns = result.timestamp_ns
         self.frames += 1
         self.fallback += result.fix.fallback
@@ -51,7 +52,8 @@ class Tally:
 
     @property
     def duration_s(self) -> float:
-        return (self.end_ns - self.start_ns) * 1e-9
+        """From the first capture to the last; where stamps jump back, no time passes."""
+        return self._passed_ns * 1e-9
 
 
 class ResultRun:

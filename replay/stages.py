@@ -88,8 +88,8 @@ class DetectorPool:
         self._pool.shutdown(cancel_futures=True)
 
     def _detect(self, data: bytes) -> Detections | None:
-        image = decode_gray(data)
-        if image is None or image.shape[::-1] != self._camera.image_size:
+        image = decode_gray(data, self._camera.image_size)
+        if image is None:
             return None
         detector = self._detectors.get()
         try:

@@ -149,7 +149,7 @@ def _track(
 
         def show(status: TrackStatus) -> None:
             recording = status.recording
-            progress.show(recording.counts.written, status_text(status), recording.problem)
+            progress.show(recording.counts.written, status_text(status), recording.told)
 
         tracked = track_source(
             opened,
@@ -184,7 +184,10 @@ def _say(tracked: Tracked, folder: Path, *, as_json: bool) -> None:
             click.echo(f"Warning: {recorded.path}: {warning}", err=True)
     if ending := ending_text(recorded):
         click.echo(ending, err=True)
+    if tracked.problem is not None:
+        click.echo(f"Error: tracking failed: {tracked.problem}", err=True)
     if summary is None and recorded.frames_written:
         click.echo(f"No result; `arucolog replay {recorded.path}` makes it.", err=True)
-    if recorded.ended != "complete":
-        click.get_current_context().exit(130 if recorded.ended == "interrupted" else 1)
+    if recorded.ended != "complete" or tracked.problem is not None:
+        interrupted = recorded.ended == "interrupted" and tracked.problem is None
+        click.get_current_context().exit(130 if interrupted else 1)

@@ -37,10 +37,19 @@ def run(path: Path, frames: int | None, split_s: float | None) -> None:
     record(source, path, session={"git": "-"}, split=split)
 
 
+def wait_for_a_frame(given: Path) -> None:
+    """A busy machine may take seconds to begin."""
+    until_s = time.monotonic() + 30
+    while not (given.exists() and given.stat().st_size):
+        if time.monotonic() > until_s:
+            raise TimeoutError(given)
+        time.sleep(0.01)
+
+
 def main(folder: Path, count: int, seed: int, split_s: float | None = None) -> None:
     rng = random.Random(seed)
     for first in range(0, count, _AT_ONCE):
-        ends: list[tuple[float, int, Path]] = []
+        running: list[tuple[int, Path]] = []
         for k in range(first, min(first + _AT_ONCE, count)):
             path = folder / f"{k}.mcap"
             # Some fall silent: what came before must not wait for more to come.
@@ -51,7 +60,10 @@ def main(folder: Path, count: int, seed: int, split_s: float | None = None) -> N
                     run(path, frames, split_s)
                 finally:
                     os._exit(0)
-            ends.append((time.monotonic() + rng.uniform(0.4, 2.5), pid, path))
+            running.append((pid, path))
+        for _, path in running:
+            wait_for_a_frame(path.with_suffix(".frames"))
+        ends = [(time.monotonic() + rng.uniform(0.0, 2.1), *recorder) for recorder in running]
         for end, pid, path in sorted(ends):
             time.sleep(max(end - time.monotonic(), 0))
             killed_ns = time.monotonic_ns()

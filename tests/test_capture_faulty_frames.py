@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from recorder.info import log_info
 from recorder.log.event_limit import EventLimiter
 from recorder.log.frame_checks import FrameChecks
 from recorder.log.reader import LogReader
 from recorder.log.writer import LogWriter
 from recorder.record import record
 from recorder.record_text import summary_text
+from recorder.recover import recover
 from recorder.sources.base import CapturedFrame
 from tests.capture_helpers import end_of, events_of
 from tests.live_sources import Item, LiveScript
@@ -66,6 +68,12 @@ def test_late_corrupt_empty_and_misstamped_frames_are_kept_counted_and_noted(
         "frame 43 is of 32x48, not 64x48",
     ]
     assert "0 dropped, 1 late, 4 corrupt, 1 with a stamp that jumps back" in summary_text(summary)
+    # 58 steps of 0.1 s and the late one's 0.3 s more; no time passed at the jump.
+    assert summary.duration_s == pytest.approx(6.1)
+    assert log_info(path).images.duration_s == pytest.approx(6.1)
+    saved = recover(path, tmp_path / "saved.mcap")
+    assert saved.duration_s == pytest.approx(6.1)
+    assert saved.counts == counts
 
 
 def test_frames_that_make_up_for_a_pause_are_not_late_nor_those_behind_them() -> None:

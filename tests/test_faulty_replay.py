@@ -13,6 +13,7 @@ from recorder.log.writer import LogWriter
 from recorder.record import record
 from recorder.sources.base import CapturedFrame
 from replay.report import warnings
+from replay.result import open_result
 from replay.run import ReplayOptions
 from replay.run import replay as replay_log
 from tests import worlds
@@ -61,6 +62,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_frame_has_its_row(result: Path) -> None:
     poses = pd.read_parquet(result / "poses.parquet")
     assert poses["frame_index"].tolist() == [i for i in range(FRAMES) if i != 9]
+    assert open_result(result).summary["duration_s"] == pytest.approx(0.1 * (FRAMES - 2))
     odd = poses[poses["status"] != "ok"]
     assert set(odd["frame_index"]) <= {5, 7}
     assert poses.set_index("frame_index").loc[5, "status"] == "undecodable"

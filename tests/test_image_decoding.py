@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+import tracemalloc
 from collections.abc import Callable
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from recorder.image_decoding import decode_gray, flaw
@@ -86,6 +89,57 @@ def test_padding_is_no_damage(
     assert flaw(padded(data, padding), "jpeg") is None
     # OpenCV would print a line for each.
     assert capfd.readouterr().err == ""
+
+
+def header_segments(data: bytes) -> list[int]:
+    """Where the segments of the header begin, behind the first."""
+    found, at = [], 2
+    while data[at + 1] != 0xDA:
+        at += 2 + int.from_bytes(data[at + 2 : at + 4])
+        found.append(at)
+    return found
+
+
+def test_padding_in_the_header_is_no_damage() -> None:
+    """As a Logitech C270 has it: https://github.com/opencv/opencv/issues/21373."""
+    data = jpeg()
+    for at in header_segments(data):
+        odd = data[:at] + b"\0" + data[at:]
+        found = decode_gray(odd)
+        assert found is not None, at
+        np.testing.assert_array_equal(found, of_opencv(data))
+        assert flaw(odd, "jpeg") is None
+
+
+@given(seed=st.integers(0, 2**32), flips=st.integers(1, 20), header=st.booleans())
+@settings(max_examples=300, deadline=None)
+def test_whatever_the_bytes_are_the_answer_is_the_same(seed: int, flips: int, header: bool) -> None:
+    rng = np.random.default_rng(seed)
+    data = bytearray(jpeg(quality=40, restart=int(rng.integers(0, 3)) * 20))
+    for at in rng.integers(2, 650 if header else len(data), flips):
+        data[at] = rng.integers(256)
+    whole = decode_gray(bytes(data)) is not None
+    assert whole == (flaw(bytes(data), "jpeg") is None)
+
+
+@pytest.mark.parametrize("size", [(65500, 65500), (40000, 7000), (65500, 1)])
+def test_a_damaged_size_costs_nothing(size: tuple[int, int]) -> None:
+    data = jpeg()
+    at = data.index(b"\xff\xc0") + 5
+    odd = data[:at] + size[1].to_bytes(2) + size[0].to_bytes(2) + data[at + 4 :]
+    tracemalloc.start()
+    try:
+        assert decode_gray(odd) is None
+        assert decode_gray(odd, (480, 360)) is None
+        assert flaw(odd, "jpeg") is not None
+        assert tracemalloc.get_traced_memory()[1] < 10**7
+    finally:
+        tracemalloc.stop()
+
+
+def test_an_image_of_another_size_is_none() -> None:
+    assert decode_gray(jpeg(), (480, 360)) is not None
+    assert decode_gray(jpeg(), (360, 480)) is None
 
 
 def cut_out(data: bytes, at: int, rng: np.random.Generator) -> bytes:

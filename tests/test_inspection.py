@@ -95,6 +95,20 @@ def test_a_flood_is_not_held_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert source.held_up_s < 0.5
 
 
+def test_that_nobody_looks_any_more_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(data: bytes, format: str) -> None:
+        raise MemoryError("out of memory")
+
+    monkeypatch.setattr(inspection, "flaw", fail)
+    summary = record(Camera(20, (), rate_hz=50), tmp_path / "log.mcap")
+    assert (summary.counts.written, summary.counts.inspected) == (20, 0)
+    with LogReader(tmp_path / "log.mcap") as log:
+        told = [r.message for r in log.records() if isinstance(r, LogEvent)]
+    assert told.count("images are not looked into any more: out of memory") == 1
+
+
 def test_a_file_is_not_inspected(tmp_path: Path) -> None:
     """It can be read again, and its log is always the same."""
 
@@ -119,7 +133,9 @@ def test_it_rests_as_long_as_its_share_says(monkeypatch: pytest.MonkeyPatch) -> 
     thread.start()
     for item in Camera(4, (), rate_hz=None).frames():
         thread.offer(item)  # type: ignore[arg-type]
-    time.sleep(0.35)
+    until_s = time.monotonic() + 10
+    while len(looked) < 3 and time.monotonic() < until_s:
+        time.sleep(0.01)
     thread.close()
     pauses = np.diff(looked)
     assert len(list(thread.take())) == 4

@@ -106,6 +106,30 @@ def test_the_arrow_is_above_the_markers_top_edge() -> None:
     assert widths[0] < widths[1]
 
 
+def test_who_cuts_along_the_marks_keeps_the_quiet_zone() -> None:
+    image = rendered(make_sheets([Print(5, 0.06)], "DICT_4X4_50", A4).data)
+    corners_mm = read_back(image, "DICT_4X4_50")[5]
+    (left, top), (right, bottom) = corners_mm[0], corners_mm[2]
+    inked = image < 230
+    # Short straight strokes of nothing but themselves, across and down.
+    strokes: dict[int, list[float]] = {0: [], 1: []}
+    count, _, boxes, centres = cv2.connectedComponentsWithStats(inked.astype(np.uint8))
+    for (_, _, width, height, _), centre in zip(boxes[1:count], centres[1:count], strict=True):
+        long_mm, thick_mm = max(width, height) / MM, min(width, height) / MM
+        if 2.5 < long_mm < 6.0 and thick_mm < 0.5:
+            axis = int(width > height)
+            strokes[axis].append((centre[axis] + 0.5) / MM)
+    # Two corners' marks on each line of the cut: its left, right, upper and lower edge.
+    for axis, near, far in ((0, left, right), (1, top, bottom)):
+        marks = np.sort(strokes[axis])
+        assert len(marks) == 4, marks
+        assert marks[1] - marks[0] < 0.2
+        assert marks[3] - marks[2] < 0.2
+        quiet_mm = 60 / 6
+        assert marks[:2].max() <= near - quiet_mm + 0.1
+        assert marks[2:].min() >= far + quiet_mm - 0.1
+
+
 @pytest.mark.parametrize(("page", "length_mm"), [("A4", 100), ("A3", 100), ("100x100", 50)])
 def test_the_ruler_is_as_long_as_it_says(page: str, length_mm: int) -> None:
     image = rendered(make_sheets([Print(0, 0.02)], "DICT_4X4_50", parse_page(page)).data)

@@ -27,6 +27,7 @@ from recorder.record import record
 from recorder.sources.base import CapturedFrame, Source, SourceEvent
 from recorder.sources.images import ImagesSource
 from recorder.sources.opening import open_source
+from recorder.verify.run import verify
 from replay.live.gate import Admission, gated
 from replay.live.latency import Latencies, Latency
 from replay.live.track import Tracked, TrackOptions, TrackStatus, track
@@ -255,9 +256,9 @@ def test_a_camera_that_fails_leaves_its_log_and_no_result(tmp_path: Path) -> Non
         assert len(images(log)) == 10
 
 
-def test_what_fails_in_tracking_ends_it_and_the_log_is_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def full_at_frame_5(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There is no space for the result's sixth frame."""
     keep = ResultRun.keep
 
     def fail(self: ResultRun, item: Any, result: FrameResult) -> None:
@@ -266,14 +267,53 @@ def test_what_fails_in_tracking_ends_it_and_the_log_is_whole(
         keep(self, item, result)
 
     monkeypatch.setattr(ResultRun, "keep", fail)
-    for source in (Camera(None), gated(Camera(300, rate_hz=100), Admission(10_000, 1 << 40))):
-        with pytest.raises(OSError, match="No space left"):
-            tracked(source, tmp_path)
-        assert [p.name for p in tmp_path.iterdir()] == ["log.mcap"]
-        with LogReader(tmp_path / "log.mcap") as log:
-            assert len(images(log)) >= 6
-            assert log.metadata["session_end"]["ended"] == "complete"
-        (tmp_path / "log.mcap").unlink()
+
+
+@pytest.mark.usefixtures("full_at_frame_5")
+def test_a_recording_goes_on_when_tracking_fails(tmp_path: Path) -> None:
+    states: list[TrackStatus] = []
+    camera = Camera(120, rate_hz=60)
+    done = tracked(camera, tmp_path, on_status=states.append)
+    assert (done.recorded.ended, done.summary) == ("complete", None)
+    assert done.problem is not None
+    assert "No space left" in done.problem
+    assert [p.name for p in tmp_path.iterdir()] == ["log.mcap"]
+    with LogReader(tmp_path / "log.mcap") as log:
+        found = images(log)
+    assert len(found) + done.recorded.counts.dropped == 120
+    assert [image.frame_index for image in found][-60:] == list(range(60, 120))
+    told = "tracking failed, recording goes on: [Errno 28] No space left on device"
+    assert [text for text in events_of(tmp_path / "log.mcap") if "tracking" in text] == [told]
+    assert states[-1].situation.status == "tracking failed"
+    rules = {verdict.rule: verdict.level for verdict in verify([tmp_path / "log.mcap"]).rules}
+    assert rules["end"] == rules["counts"] == "ok"
+
+
+@pytest.mark.usefixtures("full_at_frame_5")
+def test_of_a_file_that_cannot_be_tracked_nothing_is_left(tmp_path: Path) -> None:
+    """It can be read again."""
+
+    class File(Camera):
+        stop = None  # type: ignore[assignment]
+
+    with pytest.raises(InputError, match=r"expected to track its frames, found:.* No space left"):
+        tracked(File(300, rate_hz=1000), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("full_at_frame_5")
+def test_the_verb_says_that_tracking_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = Camera(30, rate_hz=60)
+    monkeypatch.setattr("recorder.sources.opening.open_source", lambda *_: camera)
+    log = tmp_path / "log.mcap"
+    verb: click.Command = track_verb()
+    done = CliRunner().invoke(verb, ["/dev/none", "-o", str(log)])
+    assert done.exit_code == 1
+    assert f"{log}: " in done.stdout
+    assert "Error: tracking failed: [Errno 28] No space left on device" in done.stderr
+    assert f"No result; `arucolog replay {log}` makes it." in done.stderr
 
 
 def test_what_is_slow_the_first_time_hits_no_frame(
@@ -324,6 +364,7 @@ def test_the_gate_is_bounded_in_frames_and_bytes_and_one_always_fits() -> None:
 def test_a_source_that_waits_is_held_up_at_the_gate_and_let_go_when_it_closes() -> None:
     gate = Admission(2)
     passed: list[int] = []
+    told: list[str] = []
 
     class File:
         name = "file"
@@ -332,9 +373,12 @@ def test_a_source_that_waits_is_held_up_at_the_gate_and_let_go_when_it_closes() 
             yield from (frame(i) for i in range(10))
 
     def run() -> None:
-        for item in gated(File(), gate).frames():  # type: ignore[arg-type]
-            assert isinstance(item, CapturedFrame)
-            passed.append(item.frame_index)
+        try:
+            for item in gated(File(), gate).frames():  # type: ignore[arg-type]
+                assert isinstance(item, CapturedFrame)
+                passed.append(item.frame_index)
+        except InputError as error:
+            told.append(str(error))
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
@@ -343,10 +387,11 @@ def test_a_source_that_waits_is_held_up_at_the_gate_and_let_go_when_it_closes() 
     gate.leave(len(frame(0).data))
     time.sleep(0.1)
     assert passed == [0, 1, 2]
-    gate.close()
+    gate.close("no disk")
     thread.join(5)
     assert not thread.is_alive()
     assert passed == [0, 1, 2]
+    assert told == ["file: expected to track its frames, found: no disk"]
 
 
 def test_latencies_are_those_of_all_frames_and_of_the_last_seconds(

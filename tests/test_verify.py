@@ -557,3 +557,10 @@ def test_the_command_takes_parts_together(tmp_path: Path) -> None:
     assert done.output.startswith(f"{paths[0]} to drive-004.mcap: ok (1 warning)")
     assert run(*paths[:2], "--quick").exit_code == 0
     assert run(*paths[::2], "--quick").exit_code == 1
+
+
+def test_a_live_log_of_another_camera_fails_by_its_calibration_alone(tmp_path: Path) -> None:
+    files = {**attachments(), "camera.yaml": camera_yaml(camera(80, 60))}
+    path = log_of(tmp_path / "log.mcap", files=files, live=True)
+    failed = [v for v in verify([path]).rules if v.level == "failed"]
+    assert [v.rule for v in failed] == ["calibration"]

@@ -113,6 +113,9 @@ class FrameQueue:
 
     def _has_space(self, item: Item) -> bool:
         if isinstance(item, SourceEvent):
+            # Outages are added up from these; they come seldom.
+            if item.connected is not None:
+                return True
             return len(self._items) - self._frames < self._max_frames
         fits = self._bytes + len(item.data) <= self._max_bytes
         return not self._frames or (fits and self._frames < self._max_frames)

@@ -104,7 +104,7 @@ class LogThread(threading.Thread):
             return
         if isinstance(item, SourceEvent):
             if item.connected is not None:
-                self.outages.tell(connected=item.connected)
+                self.outages.tell(connected=item.connected, silent_s=item.silent_s)
             self._writer.log.write_event(
                 item.timestamp_ns, item.level, item.message, dropped=item.dropped
             )
@@ -158,8 +158,15 @@ class LogThread(threading.Thread):
                 name=note.name,
                 arrival_ns=note.arrival_ns,
             )
-        for found in self._inspection.take() if self._inspection is not None else ():
+        inspection = self._inspection
+        for found in inspection.take() if inspection is not None else ():
             log.count_inspected(*found)
+        if inspection is not None and inspection.error is not None:
+            self._inspection = None
+            timestamp_ns, arrival_ns = log.last_stamps
+            reason = str(inspection.error) or type(inspection.error).__name__
+            text = f"images are not looked into any more: {reason}"
+            log.write_event(timestamp_ns, "warning", text, arrival_ns=arrival_ns)
         for sink in self._sinks:
             if sink.error is not None and sink not in self._told:
                 self._told.add(sink)

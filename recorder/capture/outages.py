@@ -11,7 +11,7 @@ class Outages:
     """
     Attributes:
         count: how often the connection was lost.
-        seconds: without it, in all.
+        seconds: without a frame because of that, in all.
         at_end: it was not back when the recording ended.
     """
 
@@ -35,14 +35,14 @@ class OutageClock:
         self._seconds = 0.0
         self._since_s: float | None = None
 
-    def tell(self, *, connected: bool) -> None:
-        """The connection was lost, or is back; more of the same changes nothing."""
+    def tell(self, *, connected: bool, silent_s: float) -> None:
+        """The connection was lost, or is back, when nothing had come for `silent_s`."""
         if connected:
-            self._seconds = self.outages.seconds
+            self._seconds += silent_s
             self._since_s = None
         elif self._since_s is None:
             self._count += 1
-            self._since_s = time.monotonic()
+            self._since_s = time.monotonic() - silent_s
 
     @property
     def outages(self) -> Outages:

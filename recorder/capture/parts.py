@@ -109,8 +109,8 @@ class PartsWriter:
 
     @property
     def duration_s(self) -> float:
-        """From the first frame's capture to the last one's."""
-        return 0.0 if self._start_ns is None else (self.log.last_stamps[0] - self._start_ns) / 1e9
+        """From the first frame's capture to the last one's; no jump back counts."""
+        return self.log.passed_ns / 1e9
 
     @property
     def log(self) -> LogWriter:
@@ -175,9 +175,9 @@ class PartsWriter:
         self._shown_missing = self._display_dropped()
         with self._closing:
             full.close()
+            self._earlier += full.counts
+            self._earlier_bytes += full.bytes_written
             self._log = following
-        self._earlier += full.counts
-        self._earlier_bytes += full.bytes_written
         self._part_start_ns = None
 
     def _open(self, before: LogWriter | None) -> LogWriter:

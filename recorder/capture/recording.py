@@ -38,6 +38,7 @@ class Status:
         queued_frames: frames that wait to be written; `queued_bytes` are theirs.
         free_bytes: on the disk.
         problem: what went wrong last, while it may still matter.
+        told: the warnings and errors since the status before.
     """
 
     counts: FrameCounts
@@ -47,6 +48,7 @@ class Status:
     bytes_written: int
     free_bytes: int
     problem: Problem | None = None
+    told: tuple[str, ...] = ()
 
 
 class Recording:
@@ -180,6 +182,7 @@ class Recording:
             bytes_written=writer.bytes_written,
             free_bytes=guard.free_bytes,
             problem=log.problem,
+            told=writer.log.take_told(),
         )
 
 

@@ -59,6 +59,9 @@ class FrameChecks:
     Late is said of frames that do not wait for us: those of a live source. The usual time between
     two arrivals is the median of the last 31 or, if it is longer (a burst made up for a pause), of
     the last 300; frames lost in between are allowed for.
+
+    Attributes:
+        passed_ns: from the first capture to the last; where stamps jump back, no time passes.
     """
 
     def __init__(self, *, live: bool) -> None:
@@ -69,6 +72,7 @@ class FrameChecks:
         self._intervals_ns: deque[int] = deque(maxlen=_INTERVALS_KEPT)
         self._many_ns: deque[int] = deque(maxlen=_MANY_KEPT)
         self._long_ns = 0.0
+        self.passed_ns = 0
 
     @property
     def last_index(self) -> int | None:
@@ -82,6 +86,7 @@ class FrameChecks:
             gap = max(frame_index - self._index - 1, 0)
             late_ns = self._late_ns(arrival_ns - self._arrival_ns, gap) if self._live else 0
             verdict = FrameVerdict(gap, late_ns, max(self._timestamp_ns - timestamp_ns, 0))
+            self.passed_ns += max(timestamp_ns - self._timestamp_ns, 0)
         self._index, self._timestamp_ns, self._arrival_ns = frame_index, timestamp_ns, arrival_ns
         return verdict
 

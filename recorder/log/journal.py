@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from recorder.log.event_limit import EventLimiter
 from recorder.log.frame_checks import FrameChecks, image_fault, image_size
 from recorder.sources.base import CapturedFrame
 
+_TOLD = 100
+
 
 class FrameJournal:
     """Judges the frames of one recording through all its parts; each part has its own counts.
@@ -20,6 +23,7 @@ class FrameJournal:
         announced: frames known to be lost that no count has yet.
         problem: the last warning or error that is not about one frame, and when it was told, in
             seconds of the monotonic clock.
+        told: the warnings and errors that were written, the last hundred, for who takes them out.
     """
 
     def __init__(self, *, live: bool, calibrated_size: tuple[int, int] | None) -> None:
@@ -31,7 +35,13 @@ class FrameJournal:
         self._limiter = EventLimiter()
         self.announced = 0
         self.problem: tuple[str, float] | None = None
+        self.told: deque[str] = deque(maxlen=_TOLD)
         self.last_stamps = (0, 0)
+
+    @property
+    def passed_ns(self) -> int:
+        """See `FrameChecks.passed_ns`."""
+        return self._checks.passed_ns
 
     def check(self, frame: CapturedFrame, path: Path) -> str | None:
         """What is wrong with the image itself, in a few words; before anything is written.
@@ -100,10 +110,10 @@ class FrameJournal:
     def admit(self, arrival_ns: int, text: str) -> Iterator[str]:
         """What to write of this: the text, unless there were too many of its kind just now."""
         admitted, before = self._limiter.admit(arrival_ns, text)
-        if before is not None:
-            yield before
-        if admitted:
-            yield text
+        for said in (before, text if admitted else None):
+            if said is not None:
+                self.told.append(said)
+                yield said
 
     def end_part(self, counts: FrameCounts, *, goes_on: bool) -> Iterator[str]:
         """Counts what is open; gives what is still to be written.

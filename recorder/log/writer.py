@@ -137,9 +137,19 @@ class LogWriter:
         return self._journal.last_stamps
 
     @property
+    def passed_ns(self) -> int:
+        """From the recording's first capture to the last; at a jump back, no time passes."""
+        return self._journal.passed_ns
+
+    @property
     def announced_dropped(self) -> int:
         """Frames known to be lost that are not in `counts` yet."""
         return self._journal.announced
+
+    def take_told(self) -> tuple[str, ...]:
+        """The warnings and errors that were written since the last call; from any thread."""
+        told = self._journal.told
+        return tuple(told.popleft() for _ in range(len(told)))
 
     @property
     def problem(self) -> tuple[str, float] | None:

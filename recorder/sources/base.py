@@ -39,6 +39,7 @@ class SourceEvent:
         level: `info`, `warning` or `error`.
         dropped: how many frames were lost with it.
         connected: of a live source: False when it was lost with this, True when it is back.
+        silent_s: with `connected`, how long nothing had come by then.
     """
 
     timestamp_ns: int
@@ -46,6 +47,7 @@ class SourceEvent:
     message: str
     dropped: int = 0
     connected: bool | None = None
+    silent_s: float = 0.0
 
 
 class Source(Protocol):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
+from recorder.errors import InputError
 from recorder.info_text import counted
 from recorder.log import ending
 from recorder.verify.facts import Facts
@@ -115,6 +118,11 @@ def _other_corrupt(facts: Facts) -> str | None:
     said = facts.said("frames_corrupt")
     if said is None or len(facts.sizes) > 1:
         return None
+    # Images of another size than the calibration's are told by that rule.
+    with suppress(InputError):
+        camera = facts.log.camera()
+        if camera is not None and facts.sizes and camera.image_size not in facts.sizes:
+            return None
     most = facts.cut
     if inside := facts.said("frames_inspected"):
         if facts.unseen.any() or not facts.decoded:

@@ -121,9 +121,7 @@ def _frame(frame: CapturedFrame, camera: Camera) -> Frame:
     from pipeline.localizer import Frame
     from recorder.image_decoding import decode_gray
 
-    image = decode_gray(frame.data)
-    if image is not None and image.shape[::-1] != camera.image_size:
-        image = None
+    image = decode_gray(frame.data, camera.image_size)
     return Frame(frame.frame_index, frame.timestamp_ns, image)
 
 

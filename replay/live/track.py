@@ -60,19 +60,23 @@ class Tracked:
     """What is left.
 
     Attributes:
-        summary: of the result; None where there is none: the log was not ended well.
+        summary: of the result; None where there is none: the log was not ended well, or tracking
+            failed.
+        problem: why tracking failed, while the recording went on.
     """
 
     recorded: RecordSummary
     summary: dict[str, Any] | None
+    problem: str | None = None
 
 
 class _NoResultError(Exception):
-    """The log is not one that a result can be of."""
+    """The log is not one that a result can be of, or tracking failed."""
 
-    def __init__(self, recorded: RecordSummary) -> None:
+    def __init__(self, recorded: RecordSummary, problem: str | None = None) -> None:
         super().__init__()
         self.recorded = recorded
+        self.problem = problem
 
 
 def track(
@@ -97,8 +101,10 @@ def track(
         on_result: called with each frame when it is tracked; must return at once.
         on_status: called ten times a second, from this thread.
 
+    When tracking fails, the recording of a live source goes on.
+
     Raises:
-        InputError: no calibration or map, or as `record`; there is no result then.
+        InputError: no calibration or map, tracking failed, or as `record`; there is no result then.
     """
     check_models(options.settings)
     files = merge_attachments(source.attachments, attachments or {})
@@ -141,6 +147,8 @@ def track(
                     on_written=tracking.submit,
                 )
             wall_s = time.perf_counter() - started
+            if isinstance(tracking.error, OSError | InputError):
+                raise _NoResultError(recorded, str(tracking.error))
             if tracking.error is not None:
                 raise tracking.error
             if not recorded.frames_written or recorded.ended in ("disk_full", "failed"):
@@ -151,7 +159,7 @@ def track(
                     temporary, log, inputs, name, options, tracking, recorded, clock, wall_s
                 )
     except _NoResultError as none:
-        return Tracked(none.recorded, None)
+        return Tracked(none.recorded, None, none.problem)
     return Tracked(recorded, summary)
 
 

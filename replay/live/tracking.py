@@ -35,10 +35,10 @@ class Situation:
     """Where the robot is, by the last frame; NaN where that is not known."""
 
     status: str
-    n_used: int
-    x_m: float
-    y_m: float
-    yaw_rad: float
+    n_used: int = 0
+    x_m: float = math.nan
+    y_m: float = math.nan
+    yaw_rad: float = math.nan
 
 
 class _OnItsWay(NamedTuple):
@@ -87,7 +87,7 @@ class LiveTracking:
         self._thread = threading.Thread(target=self._run, name="track", daemon=True)
         self._open = ExitStack()
         self.latencies = Latencies()
-        self.situation = Situation("no frame yet", 0, math.nan, math.nan, math.nan)
+        self.situation = Situation("no frame yet")
         self.tally = Tally()
         self.error: BaseException | None = None
 
@@ -137,7 +137,9 @@ class LiveTracking:
         )
 
     def submit(self, frame: CapturedFrame) -> None:
-        """The next frame of the log; returns at once."""
+        """The next frame of the log; returns at once. After an error it is not tracked."""
+        if self.error is not None:
+            return
         since_ns = frame.timestamp_ns if self._from_capture else time.time_ns()
         self._waiting.put(_OnItsWay(frame, self._pool.submit(frame.data), since_ns))
 
@@ -155,9 +157,11 @@ class LiveTracking:
                     item = self._waiting.get()
         except BaseException as error:
             self.error = error
-        finally:
+            self.situation = Situation("tracking failed")
             # Whoever waits for a place is not to wait for ever.
-            self._admission.close()
+            self._admission.close(str(error) or type(error).__name__)
+            while self._waiting.get() is not None:
+                pass
 
     def _track(self, run: ResultRun, item: _OnItsWay) -> None:
         frame = item.frame

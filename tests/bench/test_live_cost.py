@@ -190,7 +190,7 @@ def test_latency_of_tracking_a_network_camera(tmp_path: Path) -> None:
         "just before it is sent) to its track, by the system clock: wire, log, decoding, "
         "detection, pose and filters, but not the tables and the Rerun file. OpenCV alone, in one "
         f"thread, decodes, detects and solves in {plain_ms[SMALL]:.1f} and "
-        f"{plain_ms[LARGE]:.1f} ms. Memory levels off after some thousand frames.\n\n{text}",
+        f"{plain_ms[LARGE]:.1f} ms.\n\n{text}",
     )
     for size, rate_hz, cost in costs:
         latency = cost.summary["latency_ms"]

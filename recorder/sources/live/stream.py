@@ -71,11 +71,16 @@ class Connection(Protocol):
 
 @dataclass
 class _Progress:
-    """Where the frames are, across connections."""
+    """Where the frames are, across connections; `heard_s`: when the last one came."""
 
     next_index: int = 0
     last_ns: int = 0
+    heard_s: float = 0.0
     clock: str = ""
+
+    @property
+    def silent_s(self) -> float:
+        return time.monotonic() - self.heard_s
 
 
 class LiveCamera:
@@ -150,13 +155,14 @@ class LiveCamera:
         for text in self._warnings:
             yield self._event("warning", text)
         pause_s = _FIRST_PAUSE_S
-        down_since_s: float | None = None
+        self._progress.heard_s = time.monotonic()
+        is_down = False
         while not self._stopped.is_set():
             try:
                 connection = self._opened()
             except InputError as error:
-                if down_since_s is None:
-                    down_since_s = time.monotonic()
+                if not is_down:
+                    is_down = True
                     yield self._event("error", f"no connection: {error.problem}", connected=False)
                 self._stopped.wait(pause_s)
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
@@ -165,20 +171,21 @@ class LiveCamera:
                 return
             try:
                 for item in self._received(connection):
-                    if down_since_s is not None:
-                        gone_s = time.monotonic() - down_since_s
+                    if is_down:
+                        gone_s = self._progress.silent_s
                         yield self._event(
                             "warning", f"connected again after {gone_s:.1f} s", connected=True
                         )
-                        down_since_s, pause_s = None, _FIRST_PAUSE_S
+                        is_down, pause_s = False, _FIRST_PAUSE_S
+                    self._progress.heard_s = time.monotonic()
                     yield item
             except ConnectionLost as lost:
                 if self._stopped.is_set():
                     return
                 # Lost again before anything came: told already.
-                if down_since_s is None or lost.cut:
+                if not is_down or lost.cut:
                     yield self._lost(lost)
-                down_since_s = down_since_s or time.monotonic()
+                is_down = True
                 self._stopped.wait(pause_s)
                 pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
             finally:
@@ -255,7 +262,8 @@ class LiveCamera:
     def _event(
         self, level: str, text: str, dropped: int = 0, connected: bool | None = None
     ) -> SourceEvent:
-        return SourceEvent(self._progress.last_ns, level, text, dropped, connected)
+        silent_s = 0.0 if connected is None else self._progress.silent_s
+        return SourceEvent(self._progress.last_ns, level, text, dropped, connected, silent_s)
 
 
 def _close_result(opening: Future[Connection]) -> None:
