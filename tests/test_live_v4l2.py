@@ -7,21 +7,24 @@ import json
 import struct
 import subprocess
 import sys
+import threading
 import time
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, cast
 
 import av
+import numpy as np
 import pytest
 from av.container import InputContainer
 from click.testing import CliRunner
 
 from recorder.cameras_cli import cameras
 from recorder.errors import InputError
-from recorder.sources.live import device, v4l2
+from recorder.sources.encoding import encoded_image
+from recorder.sources.live import device, stream, v4l2
 from recorder.sources.live.clock import ARRIVAL, kernel_clock
-from recorder.sources.live.container import AvPacket
+from recorder.sources.live.container import AvPacket, ContainerConnection, av_reason
 from recorder.sources.live.device import KernelStamps, device_camera
 from recorder.sources.live.listing import found_cameras, listing_text
 from recorder.sources.live.settings import (
@@ -31,6 +34,7 @@ from recorder.sources.live.settings import (
     parse_rate,
     parse_size,
 )
+from recorder.sources.live.stream import ConnectionLost, Received
 from recorder.sources.live.v4l2 import Device, Mode
 from recorder.sources.opening import SourceOptions, open_source
 from tests.conftest import ROOT
@@ -47,6 +51,7 @@ class FakeDriver:
 
     def __init__(self) -> None:
         self.capabilities = 0x84A00001, 0x04200001
+        self.sizes = SIZES
         self.controls = {
             v4l2.EXPOSURE_AUTO: (0, 3, 3),
             v4l2.EXPOSURE_100US: (3, 2047, 250),
@@ -80,11 +85,12 @@ class FakeDriver:
     def _format(self, data: bytearray) -> None:
         index, kind = struct.unpack_from("2I", data)
         assert kind == 1
-        struct.pack_into("32sI", data, 12, b"", list(SIZES)[self._known(index, len(SIZES))])
+        formats = list(self.sizes)
+        struct.pack_into("32sI", data, 12, b"", formats[self._known(index, len(formats))])
 
     def _size(self, data: bytearray) -> None:
         index, pixel_format = struct.unpack_from("2I", data)
-        sizes = SIZES[pixel_format]
+        sizes = self.sizes[pixel_format]
         struct.pack_into("3I", data, 8, 1, *sizes[self._known(index, len(sizes))])
 
     def _interval(self, data: bytearray) -> None:
@@ -213,7 +219,7 @@ def test_a_device_is_a_source(tmp_path: Path, opened_with: dict[str, str]) -> No
     source = device_camera(path, settings, "jpeg", driver)
     assert opened_with == {
         "format": "v4l2", "input_format": "mjpeg", "video_size": "128x96", "framerate": "30",
-        "timestamps": "default", "fflags": "nonblock", "spec": str(path),
+        "timestamps": "default", "fflags": "+4", "spec": str(path),
     }  # fmt: skip
     about = source.describe()
     assert (about["name"], about["codec"], about["encoding"]) == (
@@ -231,6 +237,44 @@ def test_a_device_is_a_source(tmp_path: Path, opened_with: dict[str, str]) -> No
     # Who was unplugged in between has forgotten it.
     assert driver.set.count((v4l2.FOCUS, 0)) == 2
     assert [f.data for f in taken.frames[:30]] == packets
+
+
+class Unplugged:
+    """A connection with one image, then none."""
+
+    def __init__(self) -> None:
+        self._image = encoded_image(np.zeros((96, 128), np.uint8), "jpeg")
+        self.left = 1
+        self.closed = threading.Event()
+
+    def receive(self) -> Received | None:
+        if not self.left:
+            raise ConnectionLost("no such device")
+        self.left -= 1
+        return Received(self._image, time.time_ns())
+
+    def describe(self) -> dict[str, str]:
+        return {"clock": ARRIVAL}
+
+    def interrupt(self) -> None: ...
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+def test_a_lost_device_is_closed_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """While it is held open, a camera that is plugged in again gets another number."""
+    monkeypatch.setattr(stream, "_FIRST_PAUSE_S", 60.0)
+    made: list[Unplugged] = []
+
+    def connect() -> Unplugged:
+        made.append(Unplugged())
+        return made[-1]
+
+    with Taker(stream.LiveCamera("video0", "/dev/video0", connect, {})) as taken:
+        taken.wait_for_message("connection lost after frame 0: no such device")
+        assert made[1].closed.wait(5)
+        assert len(made) == 2
 
 
 def test_where_there_are_no_such_devices_none_are_listed() -> None:
@@ -265,6 +309,76 @@ def test_a_mode_that_the_driver_changes_is_said(
         device_camera(path, CameraSettings((1920, 1080)), "jpeg", FakeDriver())
 
 
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [("30", None), ("30000/1001", None), ("40", "expected 40 frames/s, found 29.97 at this size")],
+)
+def test_a_rate_that_the_driver_changes_is_said(
+    tmp_path: Path, opened_with: dict[str, str], asked: str, words: str | None
+) -> None:
+    path = tmp_path / "video0"
+    path.touch()
+    settings = CameraSettings(rate_hz=Fraction(asked))
+    if words is None:
+        assert device_camera(path, settings, "jpeg", FakeDriver()).describe()["rate_hz"]
+        return
+    with pytest.raises(InputError, match=words):
+        device_camera(path, settings, "jpeg", FakeDriver())
+
+
+def test_arrival_of_pixels_is_not_called_late(tmp_path: Path) -> None:
+    """They are whole when they arrive; of a codec, the next frame shows where one ends."""
+    make_video(tmp_path / "raw.avi", "rawvideo", 3)
+    connection = ContainerConnection(av.open(str(tmp_path / "raw.avi")), KernelStamps(), "jpeg")
+    assert connection.receive() is not None
+    assert connection.describe()["codec"] == "rawvideo"
+    assert connection.describe()["clock"] == ARRIVAL
+    connection.close()
+
+
+def test_jpeg_is_asked_for_where_it_has_the_size(
+    tmp_path: Path, opened_with: dict[str, str]
+) -> None:
+    """Many cameras give their largest or smallest images uncompressed only."""
+    path = tmp_path / "video0"
+    path.touch()
+    driver = FakeDriver()
+    driver.sizes = {MJPG: [(1920, 1080), (640, 480)], YUYV: [(640, 480), (128, 96)]}
+    device_camera(path, CameraSettings((128, 96)), "jpeg", driver)
+    assert "input_format" not in opened_with
+    device_camera(path, CameraSettings(), "jpeg", driver)
+    assert opened_with["input_format"] == "mjpeg"
+
+
+def test_ffmpeg_knows_the_options_of_a_device(tmp_path: Path) -> None:
+    """It opens the device, and only then finds that it is none; an option is refused before."""
+    path = tmp_path / "video0"
+    path.touch()
+    if "video4linux2,v4l2" not in av.formats_available:
+        pytest.skip("PyAV without V4L2")
+    settings = CameraSettings((128, 96), Fraction(30))
+    with pytest.raises(InputError, match="inappropriate ioctl"):
+        device_camera(path, settings, "jpeg", FakeDriver())
+
+
+def test_errors_of_ffmpeg_are_said_in_words() -> None:
+    assert av_reason(av.error.ArgumentError(22, "Invalid argument")) == "invalid argument"
+    assert av_reason(OSError(19, "No such device")) == "no such device"
+    assert av_reason(ValueError("rtsp://user:password@host")) == "valueerror"
+
+
+def test_pixel_formats_have_names_of_letters() -> None:
+    """A driver marks what is big-endian in the top bit of the fourth letter."""
+    driver = FakeDriver()
+    big_endian = int.from_bytes(b"Y16 ", "little") | 1 << 31
+    driver.sizes = {YUYV: [(640, 480)], big_endian: [(640, 480)]}
+    found = found_cameras([Path("/dev/null")], driver)
+    assert [mode.pixel_format for mode in found[0].modes] == ["YUYV", "Y16-BE"]
+    assert [line[:18] for line in listing_text(found).splitlines()[1:3]] == [
+        "  YUYV     640x480", "  Y16-BE   640x480",
+    ]  # fmt: skip
+
+
 def test_what_is_no_camera_is_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected a camera, found: no such file"):
         open_source("/dev/video99")
@@ -274,6 +388,11 @@ def test_what_is_no_camera_is_said(tmp_path: Path) -> None:
     metadata_only.capabilities = 0x84A00001, 0x04A00000
     with pytest.raises(InputError, match="found a device without images"):
         device_camera(Path("/dev/null"), CameraSettings(), "jpeg", metadata_only)
+    planes = FakeDriver()
+    planes.capabilities = 0x85201000, 0x05201000
+    with pytest.raises(InputError, match="one with the multi-planar interface only"):
+        device_camera(Path("/dev/null"), CameraSettings(), "jpeg", planes)
+    assert "multi-planar" in listing_text(found_cameras([Path("/dev/null")], planes))
 
 
 def packet_at(stamp_ns: int | None) -> AvPacket:

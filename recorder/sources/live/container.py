@@ -71,7 +71,7 @@ class ContainerConnection:
     def describe(self) -> Mapping[str, str]:
         as_it_is = self._codec == "mjpeg"
         # A parser sees the end of a frame when the next one begins.
-        late = self._stamps.name == clock.ARRIVAL and not as_it_is
+        late = self._stamps.name == clock.ARRIVAL and self._codec not in ("mjpeg", "rawvideo")
         values = {
             "codec": self._codec,
             "encoding": "as it is" if as_it_is else self._encoding,
@@ -156,5 +156,5 @@ def opened(spec: str, shown: str, what: str, open_s: float, **options: str) -> I
 
 def av_reason(error: Exception) -> str:
     """Without the URL, which may have a password in it."""
-    text = error.strerror if isinstance(error, OSError) and error.strerror else ""
-    return text.lower() or type(error).__name__
+    text = getattr(error, "strerror", None) or type(error).__name__
+    return str(text).lower()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from fractions import Fraction
 from pathlib import Path
 
 from recorder.errors import InputError
@@ -14,6 +15,10 @@ from recorder.sources.live.settings import Auto, CameraSettings
 from recorder.sources.live.stream import LiveCamera
 
 _OPEN_S = 10.0
+# AVFMT_FLAG_NONBLOCK, which FFmpeg has no word for: else a read waits for a camera that is stuck.
+_NONBLOCK = "+4"
+_SAME_RATE = 0.01
+ONLY_PLANES = "one with the multi-planar interface only, which cannot be read"
 
 
 class KernelStamps:
@@ -43,9 +48,9 @@ def device_camera(
     Raises:
         InputError: it cannot be opened, or does not have what is to be set.
     """
-    about, has_jpeg = _configured(path, settings, ioctl)
-    options = {"format": "v4l2", "timestamps": "default", "fflags": "nonblock"}
-    if has_jpeg:
+    about, gives_jpeg = _configured(path, settings, ioctl)
+    options = {"format": "v4l2", "timestamps": "default", "fflags": _NONBLOCK}
+    if gives_jpeg:
         options["input_format"] = "mjpeg"
     if settings.size:
         options["video_size"] = f"{settings.size[0]}x{settings.size[1]}"
@@ -66,9 +71,11 @@ def device_camera(
 def _configured(
     path: Path, settings: CameraSettings, ioctl: v4l2.Ioctl | None
 ) -> tuple[dict[str, str], bool]:
-    """Sets the camera; what it is and is set to, and whether it gives JPEG."""
+    """Sets the camera; what it is and is set to, and whether it gives JPEG of that size."""
     try:
         with v4l2.Device(path, ioctl) as device:
+            if device.only_planes:
+                raise InputError(path, f"expected a camera, found {ONLY_PLANES}")
             if not device.captures:
                 raise InputError(
                     path, "expected a camera, found a device without images (see: arucolog cameras)"
@@ -82,7 +89,7 @@ def _configured(
                 "driver": device.driver,
                 **controls(device),
             }
-            return about, any(mode.pixel_format in ("MJPG", "JPEG") for mode in device.modes())
+            return about, _gives_jpeg(device.modes(), settings.size)
     except OSError as error:
         raise InputError(path, f"expected a camera, found: {_reason(error)}") from error
 
@@ -170,6 +177,12 @@ def _set(device: v4l2.Device, number: int, value: int | Auto, name: str, path: P
     device.set_control(number, value)
 
 
+def _gives_jpeg(modes: Iterable[v4l2.Mode], size: tuple[int, int] | None) -> bool:
+    """Some cameras have their largest or smallest images uncompressed only."""
+    sizes = [(m.width_px, m.height_px) for m in modes if m.pixel_format in ("MJPG", "JPEG")]
+    return size in sizes if size and len(sizes) > 1 else bool(sizes)
+
+
 def _check_mode(camera: LiveCamera, settings: CameraSettings, path: Path) -> None:
     """A driver takes the nearest mode it has without a word.
 
@@ -181,6 +194,14 @@ def _check_mode(camera: LiveCamera, settings: CameraSettings, path: Path) -> Non
         wanted = "x".join(map(str, settings.size))
         raise InputError(
             path, f"expected images of {wanted}, found {found} (arucolog cameras lists the modes)"
+        )
+    # Drivers round: 10000000/333333 is a 30.
+    rate_hz = Fraction(camera.describe().get("rate_hz", 0))
+    if settings.rate_hz and rate_hz and abs(rate_hz / settings.rate_hz - 1) > _SAME_RATE:
+        raise InputError(
+            path,
+            f"expected {float(settings.rate_hz):g} frames/s, found {float(rate_hz):g} at this size"
+            " (arucolog cameras lists the modes)",
         )
 
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from recorder.sources.live.device import controls, devices
+from recorder.sources.live.device import ONLY_PLANES, controls, devices
 from recorder.sources.live.v4l2 import Device, Ioctl, Mode
 
 
@@ -40,10 +40,12 @@ def found_cameras(
     for path in devices() if paths is None else paths:
         try:
             with Device(path, ioctl) as device:
+                names = (device.card, device.bus, device.driver)
                 if device.captures:
                     modes = tuple(device.modes())
-                    names = (device.card, device.bus, device.driver)
                     found.append(FoundCamera(str(path), *names, modes, controls(device)))
+                elif device.only_planes:
+                    found.append(FoundCamera(str(path), *names, (), {}, ONLY_PLANES))
         except OSError as error:
             problem = (error.strerror or str(error)).lower()
             found.append(FoundCamera(str(path), "", "", "", (), {}, problem))
@@ -62,9 +64,12 @@ def _lines(camera: FoundCamera) -> Iterable[str]:
         yield f"{camera.device}: {camera.problem}"
         return
     yield f"{camera.device}: {camera.name} ({camera.driver}, {camera.bus})"
+    width = max((len(mode.pixel_format) for mode in camera.modes), default=0)
     for mode in camera.modes:
         rates = ", ".join(f"{rate:g}" for rate in mode.rates_hz)
         size = f"{mode.width_px}x{mode.height_px}"
-        yield f"  {mode.pixel_format:<4} {size:>9}" + (f"  at {rates} frames/s" if rates else "")
+        yield f"  {mode.pixel_format:<{width}} {size:>9}" + (
+            f"  at {rates} frames/s" if rates else ""
+        )
     for name, value in camera.controls.items():
         yield f"  {name.replace('_', ' ')}: {value}"

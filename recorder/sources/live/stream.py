@@ -186,11 +186,12 @@ class LiveCamera:
                 if not is_down or lost.cut:
                     yield self._lost(lost)
                 is_down = True
-                self._stopped.wait(pause_s)
-                pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
             finally:
                 self._connection = None
                 connection.close()
+            # Not before it is closed: a device that is held open comes back under another name.
+            self._stopped.wait(pause_s)
+            pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
 
     def _lost(self, lost: ConnectionLost) -> SourceEvent:
         number = self._progress.next_index

@@ -46,10 +46,12 @@ EXPOSURE_MANUAL = 1
 EXPOSURE_AUTOMATIC = (3, 0)
 
 _CAN_CAPTURE = 0x1
+_CAN_CAPTURE_PLANES = 0x1000
 _HAS_NODE_CAPABILITIES = 0x80000000
 _BUFFER_CAPTURE = 1
 _DISCRETE = 1
 _CONTROL_DISABLED = 0x1
+_BIG_ENDIAN = 1 << 31
 
 Ioctl = Callable[[int, int, bytearray], int]
 
@@ -59,7 +61,7 @@ class Mode:
     """One way a camera can send images.
 
     Attributes:
-        pixel_format: four letters; `MJPG` is JPEG.
+        pixel_format: four letters, `-BE` after them for big-endian; `MJPG` is JPEG.
         rates_hz: fastest first; empty where the driver gives a range or nothing.
     """
 
@@ -99,6 +101,8 @@ class Device:
         self.driver, self.card, self.bus = _text(driver), _text(card), _text(bus)
         capabilities = here if everything & _HAS_NODE_CAPABILITIES else everything
         self.captures = bool(capabilities & _CAN_CAPTURE)
+        # Another interface, of some cameras on boards; FFmpeg does not speak it.
+        self.only_planes = not self.captures and bool(capabilities & _CAN_CAPTURE_PLANES)
 
     def __enter__(self) -> Self:
         return self
@@ -119,8 +123,8 @@ class Device:
                 ENUM_FRAMESIZES, _FRAME_SIZE, pixel_format, *[0] * 7
             ):
                 width, height = (size[0], size[1]) if kind == _DISCRETE else (size[1], size[4])
-                name = pixel_format.to_bytes(4, "little").decode("ascii", "replace").strip()
-                yield Mode(name, width, height, self._rates(pixel_format, width, height))
+                rates_hz = self._rates(pixel_format, width, height)
+                yield Mode(_four_letters(pixel_format), width, height, rates_hz)
                 if kind != _DISCRETE:
                     break
 
@@ -168,6 +172,11 @@ def _fcntl(fd: int, request: int, data: bytearray) -> int:
     import fcntl  # not on Windows
 
     return int(fcntl.ioctl(fd, request, data, True))
+
+
+def _four_letters(pixel_format: int) -> str:
+    letters = (pixel_format & ~_BIG_ENDIAN).to_bytes(4, "little").decode("ascii", "replace")
+    return letters.rstrip() + ("-BE" if pixel_format & _BIG_ENDIAN else "")
 
 
 def _text(data: bytes | int) -> str:
