@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+import sys
 import time
 from collections.abc import Iterable
 from types import TracebackType
@@ -11,17 +13,21 @@ from typing import Self
 import click
 from tqdm import tqdm
 
-# Without a terminal: how often to say that all is well, and the same problem again.
+# Without a terminal: how often to say that all is well.
 _ALIVE_S = 60.0
+# What is said of one frame is said again only after this time; it is counted, and in the log.
 _AGAIN_S = 10.0
+_OF_A_FRAME = re.compile(
+    r"(\d+ more like this: )?((before )?frame \d+ |\d+ frames? (lost|dropped))"
+)
 _NUMBERS = re.compile(r"\d+(\.\d+)?")
 
 
 class RecordProgress:
     """On stderr; use it in a `with` block.
 
-    Where that is no terminal, each kind of problem is told when it comes, and how things stand once
-    a minute, so that the journal of a service says what happened.
+    Problems are told in lines of their own, which stay. Where there is no terminal, and so no bar,
+    it says once a minute how things stand, so that the journal of a service tells what happened.
     """
 
     def __init__(self, verb: str, total: int | None) -> None:
@@ -33,20 +39,25 @@ class RecordProgress:
 
     def show(self, written: int, status: str, told: Iterable[str]) -> None:
         """`written`: frames; `status`: one line; `told`: what went wrong since the last call."""
+        for text in told:
+            self._tell(text)
         if self._bar.disable:
-            self._say(written, status, told)
+            self._say_now_and_then(written, status)
             return
         self._bar.set_postfix_str(status, refresh=False)
         self._bar.update(written - self._bar.n)
         self._bar.refresh()
 
-    def _say(self, written: int, status: str, told: Iterable[str]) -> None:
+    def _tell(self, text: str) -> None:
+        if _OF_A_FRAME.match(text):
+            now, kind = time.monotonic(), _NUMBERS.sub("#", text)
+            if now < self._told_at.get(kind, -math.inf) + _AGAIN_S:
+                return
+            self._told_at[kind] = now
+        tqdm.write(f"{self._verb}: {text}", file=sys.stderr)
+
+    def _say_now_and_then(self, written: int, status: str) -> None:
         now = time.monotonic()
-        for text in told:
-            kind = _NUMBERS.sub("#", text)
-            if kind not in self._told_at or now >= self._told_at[kind] + _AGAIN_S:
-                self._told_at[kind] = now
-                click.echo(f"{self._verb}: {text}", err=True)
         if now - self._alive_at >= _ALIVE_S:
             self._alive_at = now
             click.echo(f"{self._verb}: {written} frames, {status}", err=True)

@@ -20,22 +20,15 @@ _OPTIONS = {topics.CAMERA_FILE: "--camera", topics.MAP_FILE: "--map"}
 def status_text(status: Status) -> str:
     """One line on how the recording stands, beside the number of frames and their rate."""
     counts = status.counts
-    parts = problem_text(status)
-    parts += [f"dropped {counts.dropped}", f"late {counts.late}", f"corrupt {counts.corrupt}"]
+    parts = [f"dropped {counts.dropped}", f"late {counts.late}", f"corrupt {counts.corrupt}"]
     if counts.stamped_back:
         parts.append(f"stamped back {counts.stamped_back}")
     if status.display_dropped:
         parts.append(f"not shown {status.display_dropped}")
-    parts.append(f"queue {status.queued_frames}")
     parts.append(size_text(status.bytes_written))
     parts.append(f"{size_text(status.free_bytes)} free")
+    parts.append(f"queue {status.queued_frames}")
     return ", ".join(parts)
-
-
-def problem_text(status: Status) -> list[str]:
-    """What went wrong last and when: first in a line that a narrow terminal cuts off."""
-    problem = status.problem
-    return [] if problem is None else [f"{problem.age_s:.0f} s ago: {problem.text}"]
 
 
 def summary_text(summary: RecordSummary) -> str:

@@ -143,3 +143,23 @@ def test_force_keeps_the_old_log_unless_the_new_one_is_better(tmp_path: Path) ->
     assert len(indices_of(path)) == 5
     assert len(indices_of(tmp_path / "log.mcap.part")) == 4
     assert sorted(p.name for p in tmp_path.iterdir()) == ["log.mcap", "log.mcap.part"]
+
+
+def test_a_log_that_is_being_recorded_is_not_replaced(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    path = tmp_path / "log.mcap"
+    refused: list[str] = []
+
+    def intrude(item: CapturedFrame) -> None:
+        if item.frame_index == 5:
+            try:
+                record(LiveScript(now_frames(3)), path, force=True)
+            except InputError as error:
+                refused.append(str(error))
+
+    summary = record(LiveScript(now_frames(20), rate_hz=50, on_frame=intrude), path)
+    assert (summary.ended, summary.counts.written) == ("complete", 20)
+    text = "expected a log to replace, found one that is being recorded"
+    assert refused == [f"{path}: {text}"]
+    # Nobody writes it any more.
+    assert record(LiveScript(now_frames(3)), path, force=True).counts.written == 3

@@ -118,8 +118,8 @@ def test_what_a_camera_gives_is_tracked_as_a_replay_would(tmp_path: Path) -> Non
     assert (latency["from"], latency["clock"]) == ("capture", "server (X-Timestamp of each part)")
     assert "latency from capture to track, ms: median" in latency_text(latency)
     last = status_text(states[-1])
-    assert last.startswith("ok, 1")
-    for word in (" markers, x ", " y ", " m, yaw ", "°, latency ", " ms, dropped 0"):
+    assert last.startswith("dropped 0, ok, 1")
+    for word in (" markers, x ", " y ", " m, yaw ", "°, latency ", " ms"):
         assert word in last
     # The first tracker's position, and the pose's heading.
     result = open_result(tmp_path / "live")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from recorder.capture.disk import DiskGuard, SyncThread
 from recorder.capture.frame_queue import FrameQueue
@@ -23,16 +22,6 @@ from recorder.sources.base import CapturedFrame, SourceEvent
 _FLUSH_S = 0.4
 _SYNC_S = 0.5
 _LOOK_S = 0.1
-# How long a problem is shown when frames come again.
-_SHOWN_S = 10.0
-
-
-@dataclass(frozen=True)
-class Problem:
-    """A warning or an error of the recorder or its source, told `age_s` ago."""
-
-    text: str
-    age_s: float
 
 
 class LogThread(threading.Thread):
@@ -70,20 +59,9 @@ class LogThread(threading.Thread):
         self._told: set[SinkThread] = set()
         self._taken = 0
         self._flushed_at = self._synced_at = self._looked_at = time.monotonic()
-        self._framed_at = 0.0
         self.outages = OutageClock()
         self.error: BaseException | None = None
         self.disk_is_low = False
-
-    @property
-    def problem(self) -> Problem | None:
-        """The last one, for ten seconds, and for as long as no frame has come after it."""
-        told = self._writer.log.problem
-        if told is None:
-            return None
-        text, told_at = told
-        age_s = time.monotonic() - told_at
-        return Problem(text, age_s) if age_s < _SHOWN_S or self._framed_at <= told_at else None
 
     def run(self) -> None:
         try:
@@ -113,7 +91,6 @@ class LogThread(threading.Thread):
         if self._sync is not None and not self._writer.log.has_open_chunk:
             self._flushed_at = time.monotonic()
         fault = self._writer.write_frame(item)
-        self._framed_at = time.monotonic()
         # Images in other formats were compressed here.
         if self._inspection is not None and fault is None and item.format == "jpeg":
             self._inspection.offer(item)

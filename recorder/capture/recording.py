@@ -10,7 +10,7 @@ from typing import Literal
 from recorder.capture.disk import DiskGuard, SyncThread
 from recorder.capture.frame_queue import FrameQueue
 from recorder.capture.inspection import InspectionThread
-from recorder.capture.log_thread import LogThread, Problem
+from recorder.capture.log_thread import LogThread
 from recorder.capture.notes import Notes
 from recorder.capture.outages import Outages
 from recorder.capture.parts import PartsWriter
@@ -37,7 +37,6 @@ class Status:
         display_dropped: frames that viewers missed.
         queued_frames: frames that wait to be written; `queued_bytes` are theirs.
         free_bytes: on the disk.
-        problem: what went wrong last, while it may still matter.
         told: the warnings and errors since the status before.
     """
 
@@ -47,7 +46,6 @@ class Status:
     queued_bytes: int
     bytes_written: int
     free_bytes: int
-    problem: Problem | None = None
     told: tuple[str, ...] = ()
 
 
@@ -116,7 +114,7 @@ class Recording:
 
         def tell() -> None:
             if on_status is not None:
-                on_status(self._status(writer, guard, log))
+                on_status(self._status(writer, guard))
 
         for thread in (sync, inspection, *self._sinks, log, source):
             if thread is not None:
@@ -172,7 +170,7 @@ class Recording:
                     sink.close(0)
             tell()
 
-    def _status(self, writer: PartsWriter, guard: DiskGuard, log: LogThread) -> Status:
+    def _status(self, writer: PartsWriter, guard: DiskGuard) -> Status:
         untold = self._queue.lost_frames + writer.log.announced_dropped
         return Status(
             counts=writer.counts + FrameCounts(dropped=untold),
@@ -181,7 +179,6 @@ class Recording:
             queued_bytes=self._queue.bytes,
             bytes_written=writer.bytes_written,
             free_bytes=guard.free_bytes,
-            problem=log.problem,
             told=writer.log.take_told(),
         )
 

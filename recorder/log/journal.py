@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,8 +20,6 @@ class FrameJournal:
 
     Attributes:
         announced: frames known to be lost that no count has yet.
-        problem: the last warning or error that is not about one frame, and when it was told, in
-            seconds of the monotonic clock.
         told: the warnings and errors that were written, the last hundred, for who takes them out.
     """
 
@@ -34,7 +31,6 @@ class FrameJournal:
         self._checks = FrameChecks(live=live)
         self._limiter = EventLimiter()
         self.announced = 0
-        self.problem: tuple[str, float] | None = None
         self.told: deque[str] = deque(maxlen=_TOLD)
         self.last_stamps = (0, 0)
 
@@ -102,10 +98,6 @@ class FrameJournal:
     def announce(self, dropped: int) -> None:
         """Frames that are known to be lost, before a gap shows them or instead of one."""
         self.announced += dropped
-
-    def report(self, text: str) -> None:
-        """Keep a warning or error for those who watch."""
-        self.problem = (text, time.monotonic())
 
     def admit(self, arrival_ns: int, text: str) -> Iterator[str]:
         """What to write of this: the text, unless there were too many of its kind just now."""

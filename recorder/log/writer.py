@@ -151,11 +151,6 @@ class LogWriter:
         told = self._journal.told
         return tuple(told.popleft() for _ in range(len(told)))
 
-    @property
-    def problem(self) -> tuple[str, float] | None:
-        """See `FrameJournal.problem`."""
-        return self._journal.problem
-
     def flush(self) -> None:
         """Hand all frames so far to the system: a process that is killed no longer loses them."""
         with uninterrupted():
@@ -236,8 +231,6 @@ class LogWriter:
         arrival_ns = timestamp_ns if arrival_ns is None else arrival_ns
         with uninterrupted():
             limited = name == RECORDER and level in ("warning", "error")
-            if limited:
-                self._journal.report(message)
             for text in self._journal.admit(arrival_ns, message) if limited else (message,):
                 self._event(timestamp_ns, arrival_ns, level, text, name)
             self._journal.announce(dropped)

@@ -150,7 +150,9 @@ def _shipped_scene(path: Path, options: SourceOptions) -> Source:
         return _scene(shipped[str(path)], options)
     scenes = f" (scenes that come along: {', '.join(shipped)})" if shipped else ""
     raise InputError(
-        path, f"expected a video, a folder of images or a scene.yaml, found nothing there{scenes}"
+        path,
+        "expected a camera, a stream's URL, a video, a folder of images, a ROS bag or a "
+        f"scene.yaml, found nothing there{scenes}",
     )
 
 

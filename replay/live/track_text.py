@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from recorder.record_text import problem_text
-
 if TYPE_CHECKING:
     from replay.live.track import TrackStatus
 
@@ -14,15 +12,13 @@ if TYPE_CHECKING:
 def status_text(status: TrackStatus) -> str:
     """One line, beside the number of frames and their rate."""
     now, counts = status.situation, status.recording.counts
-    parts = problem_text(status.recording)
-    parts += [now.status, f"{now.n_used} markers"]
+    parts = [f"dropped {counts.dropped}", now.status, f"{now.n_used} markers"]
     if math.isfinite(now.x_m):
         parts.append(f"x {now.x_m:.3f} y {now.y_m:.3f} m")
     if math.isfinite(now.yaw_rad):
         parts.append(f"yaw {math.degrees(now.yaw_rad):.1f}°")
     if math.isfinite(status.latency.median_ms):
         parts.append(f"latency {status.latency}")
-    parts.append(f"dropped {counts.dropped}")
     return ", ".join(parts)
 
 
