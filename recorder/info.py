@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,14 +16,18 @@ from recorder.bench.marks import Mark, MarkReader
 from recorder.errors import InputError
 from recorder.image_header import read_header
 from recorder.log import topics
+from recorder.log.counts import said_counts
 from recorder.log.reader import LogReader
 from recorder.log.records import ExactPose, LogEvent, LogImage
+from recorder.usual_interval import usual_interval_ns
 
 T = TypeVar("T")
 
-# A pause longer than this many median intervals is a gap.
+# A pause longer than this many usual intervals is a gap.
 _GAP_FACTOR = 1.5
 _EVENTS_KEPT = 100
+# In whose name marks and notes are.
+OPERATOR = "operator"
 
 
 @dataclass(frozen=True)
@@ -102,7 +107,8 @@ class LogInfo:
         ended: as `LogReader.ending`.
         shortfall: why it is not whole; None where it is.
         problems: what is wrong with the files in the log.
-        events: the first hundred.
+        events: the first hundred, and of those behind them the operator's.
+        recorded: what the recorder said when it ended: its counts, and lost connections.
         marks: of waypoints, by the operator; those undone too.
     """
 
@@ -119,6 +125,7 @@ class LogInfo:
     problems: tuple[str, ...]
     session: dict[str, str]
     marks: tuple[Mark, ...] = ()
+    recorded: dict[str, Any] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -145,9 +152,16 @@ def log_info(path: Path) -> LogInfo:
             elif isinstance(record, LogEvent):
                 levels[record.level] += 1
                 marks.add(record.timestamp_ns, record.message)
-                if len(events) < _EVENTS_KEPT:
+                if len(events) < _EVENTS_KEPT or record.name == OPERATOR:
                     at_s = (record.timestamp_ns - (log.start_ns or 0)) / 1e9
-                    events.append({"at_s": at_s, "level": record.level, "text": record.message})
+                    events.append(
+                        {
+                            "at_s": at_s,
+                            "level": record.level,
+                            "text": record.message,
+                            "by": record.name,
+                        }
+                    )
         problems: list[str] = []
         return LogInfo(
             path=str(path),
@@ -163,6 +177,7 @@ def log_info(path: Path) -> LogInfo:
             problems=tuple(dict.fromkeys(problems)),
             session=dict(log.metadata.get(topics.SESSION, {})),
             marks=marks.marks,
+            recorded=_recorded(log.metadata.get(topics.SESSION_END, {})),
         )
 
 
@@ -188,9 +203,14 @@ class ImageCounter:
     def info(self) -> ImageInfo:
         times_ns = np.array(self._times_ns, dtype=np.int64)
         steps_ns = np.diff(times_ns)
-        missing = np.maximum(np.diff(np.array(self._indices, dtype=np.int64)) - 1, 0)
-        median_ns = float(np.median(steps_ns)) if len(steps_ns) else 0.0
-        gaps = np.flatnonzero((missing > 0) | (steps_ns > _GAP_FACTOR * median_ns))
+        numbers = np.maximum(np.diff(np.array(self._indices, dtype=np.int64)), 1)
+        missing = numbers - 1
+        usual_ns = usual_interval_ns(
+            steps_ns.astype(np.float64), numbers, np.ones(len(steps_ns), dtype=bool)
+        )
+        if usual_ns is None:
+            usual_ns = float(np.median(steps_ns)) if len(steps_ns) else 0.0
+        gaps = np.flatnonzero((missing > 0) | (steps_ns > _GAP_FACTOR * usual_ns))
         duration_s = float(np.maximum(steps_ns, 0).sum()) / 1e9
         return ImageInfo(
             count=len(times_ns),
@@ -212,6 +232,18 @@ class ImageCounter:
                 for i in gaps.tolist()
             ),
         )
+
+
+def _recorded(end: Mapping[str, str]) -> dict[str, Any]:
+    """Numbers as numbers; `ended` is told elsewhere, and what is no count is left out."""
+    found: dict[str, Any] = dict(said_counts(end))
+    if end.get("connection_lost", "").isdecimal():
+        found["connection_lost"] = int(end["connection_lost"])
+    with suppress(ValueError):
+        found["connection_lost_s"] = float(end.get("connection_lost_s", ""))
+    if (at_end := end.get("connection_lost_at_end")) in ("yes", "no"):
+        found["connection_lost_at_end"] = at_end == "yes"
+    return found
 
 
 def _camera(log: LogReader) -> CameraInfo | None:

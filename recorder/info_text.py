@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
+from typing import Any
 
 from recorder.bench.marks import marks_text
-from recorder.info import LogInfo, TruthInfo
+from recorder.info import OPERATOR, LogInfo, TruthInfo
 from recorder.quantities import size_text
 
 _SHOWN = 10
+_COUNTS = {
+    "frames_dropped": "dropped",
+    "frames_late": "late",
+    "frames_corrupt": "corrupt",
+    "frames_stamped_back": "with a stamp that jumps back",
+    "frames_inspected": "decoded to look for damage",
+    "display_dropped": "not shown",
+}
 
 
 def info_text(info: LogInfo) -> str:
     """Aligned lines, without one for what the log does not have to say."""
     rows = [
         ("log", f"{info.path} ({size_text(info.bytes)})"),
-        ("ended", info.ended),
+        ("ended", info.shortfall or info.ended),
         ("images", _images(info)),
+        ("recorded", _recorded(info.recorded)),
         ("time", _time(info)),
         ("camera", _camera(info)),
         ("map", _map(info)),
@@ -35,9 +46,10 @@ def info_text(info: LogInfo) -> str:
     ]
     if len(gaps) > _SHOWN:
         rows.append(("gap", f"... {len(gaps)} in all"))
-    rows += [
-        ("event", f"{e['at_s']:.3f} s {e['level']}: {e['text']}") for e in info.events[:_SHOWN]
-    ]
+    events = [e for k, e in enumerate(info.events) if k < _SHOWN or e["by"] == OPERATOR]
+    rows += [("event", f"{e['at_s']:.3f} s {e['level']}: {e['text']}") for e in events]
+    if (in_all := sum(info.events_by_level.values())) > len(events):
+        rows.append(("event", f"... {in_all} in all"))
     rows += [("problem", text) for text in info.problems]
     rows += sorted(info.session.items())
     width = max(len(name) for name, _ in rows)
@@ -58,6 +70,17 @@ def _images(info: LogInfo) -> str:
     missing = f", {images.missing} missing" if images.missing else ""
     mean = size_text(images.bytes // images.count)
     return f"{images.count} {size}{formats}, {mean} each{missing}"
+
+
+def _recorded(recorded: Mapping[str, Any]) -> str:
+    """What the recorder counted, without what it did not find."""
+    parts = [f"{recorded[name]} {what}" for name, what in _COUNTS.items() if recorded.get(name)]
+    if lost := recorded.get("connection_lost"):
+        times = "once" if lost == 1 else f"{lost} times"
+        seconds = f"{recorded.get('connection_lost_s', 0.0):.1f} s"
+        back = ", and not back at the end" if recorded.get("connection_lost_at_end") else ""
+        parts.append(f"connection lost {times}, for {seconds} in all{back}")
+    return ", ".join(parts)
 
 
 def _time(info: LogInfo) -> str:

@@ -42,8 +42,8 @@ def check(map_path: Path, strict: bool, as_json: bool) -> None:
     """Say what is odd about a map.yaml: all of it, with a verdict; exit code 1 for errors.
 
     Errors: what keeps it from being read (ids twice or outside the dictionary, wrong shapes),
-    markers that overlap, mirrored ones, impossible sizes. Warnings: markers that are tilted, off
-    the others' plane, of another size or far away; no room for a quiet zone.
+    markers that overlap, mirrored ones, impossible sizes and distances. Warnings: markers that are
+    tilted, off the others' plane, of another size or far away; no room for a quiet zone.
     """
     import json
 

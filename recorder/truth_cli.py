@@ -135,25 +135,26 @@ def check(
     Errors: what keeps it from being read, another frame than the map's, places that no marker is
     seen from, or that are in another unit, times after the log's end. Warnings: places outside of
     the markers' extent or off the path, headings unlike the others or in radians, speeds no robot
-    has, uncertainties no hand has, a rounded square size, marks without a waypoint.
+    has, uncertainties no hand has, a rounded square size, marks without a waypoint, times without
+    an image.
     """
     import json
 
     from recorder.bench.check.run import check_text, check_truth
-    from recorder.bench.check.time_rules import LogTimes, log_duration_s
+    from recorder.bench.check.time_rules import LogTimes, log_frames_s
     from recorder.bench.marks import log_marks
     from recorder.errors import InputError
     from recorder.files.map_file import parse_map
     from recorder.files.yaml_file import read_bytes
 
+    data = read_bytes(truth_path)
     if map_path is None and not logs:
         raise click.UsageError("expected --map, or --log with a map in it")
-    data = read_bytes(truth_path)
     times = None
     marker_map = None if map_path is None else parse_map(read_bytes(map_path), map_path)
     if logs:
         log = _one_log(logs)
-        times = LogTimes(log_duration_s(log), log_marks(log))
+        times = LogTimes(log_frames_s(log), log_marks(log))
         marker_map = marker_map or log.marker_map()
         if marker_map is None:
             raise InputError(logs[0], "expected a marker map, found none; give one with --map")
@@ -191,6 +192,7 @@ def marks(
     import json
     from dataclasses import asdict
 
+    from recorder.bench.check.time_rules import frame_findings, log_frames_s
     from recorder.bench.marks import log_marks
     from recorder.bench.timed_file import timed_truth
     from recorder.bench.timing import with_marks
@@ -213,6 +215,8 @@ def marks(
     problems: tuple[str, ...] = ()
     if truth is not None and truth.waypoints:
         truth, problems = with_marks(truth, found)
+        unseen = frame_findings(truth, log_frames_s(log))
+        problems = (*problems, *(finding.text for finding in unseen))
     elif output is not None:
         where = truth_path or logs[0]
         raise InputError(where, "expected a truth with waypoints, found none; give one: --truth")

@@ -87,6 +87,30 @@ def test_frames_that_make_up_for_a_pause_are_not_late_nor_those_behind_them() ->
     assert late == [40]
 
 
+@pytest.mark.parametrize("apart_ns", [10_000, 300_000, 10_000_000, 25_000_000])
+@pytest.mark.parametrize("stalled_at", [10, 40, 75, 200])
+def test_of_a_long_stall_one_frame_is_late(stalled_at: int, apart_ns: int) -> None:
+    """150 frames make up for it."""
+    checks = FrameChecks(live=True)
+    step_ns = 33_333_333
+    arrivals = [i * step_ns for i in range(1000)]
+    arrivals[stalled_at] += 150 * step_ns
+    for i in range(stalled_at + 1, 1000):
+        arrivals[i] = max(arrivals[i], arrivals[i - 1] + apart_ns)
+    late = [i for i, ns in enumerate(arrivals) if checks.add(i, ns, ns).late_ns]
+    assert late == [stalled_at]
+
+
+def test_a_camera_that_goes_faster_after_an_outage_is_soon_known_for_it() -> None:
+    checks = FrameChecks(live=True)
+    arrivals = [i * 10**8 for i in range(100)]
+    arrivals += [arrivals[-1] + 10**10 + i * 33_333_333 for i in range(600)]
+    # A frame is lost, of those that come faster.
+    del arrivals[-40]
+    late = [i for i, ns in enumerate(arrivals) if checks.add(i, ns, ns).late_ns]
+    assert late == [100, len(arrivals) - 39]
+
+
 @pytest.mark.parametrize("jitter_ns", [0, -2_000_000, 2_000_000])
 def test_a_frame_that_a_driver_drops_without_a_word_is_seen(jitter_ns: int) -> None:
     checks = FrameChecks(live=True)

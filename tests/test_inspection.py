@@ -91,7 +91,7 @@ def test_a_flood_is_not_held_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     summary = record(source, tmp_path / "log.mcap")
     assert (summary.counts.written, summary.counts.dropped) == (200, 0)
     # 5 ms and the rest, 160 ms: in 2 s some 12, and at the end those that wait.
-    assert 5 <= summary.counts.inspected <= 40
+    assert 5 <= summary.counts.inspected <= 70
     assert source.held_up_s < 0.5
 
 

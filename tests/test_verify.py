@@ -344,6 +344,14 @@ def test_a_live_log_of_two_clocks(tmp_path: Path) -> None:
     assert_only(path, "arrivals", "warning", "3.000 s apart: of two clocks?")
 
 
+def test_frames_that_are_stamped_after_their_arrival(tmp_path: Path) -> None:
+    def shift(i: int, item: CapturedFrame) -> CapturedFrame:
+        return replace(item, arrival_ns=item.timestamp_ns - 177_000_000)
+
+    path = log_of(tmp_path / "log.mcap", change=shift, live=True)
+    assert_only(path, "arrivals", "warning", "captures are stamped 177.0 ms after they arrived")
+
+
 def test_late_frames(tmp_path: Path) -> None:
     def late(i: int, item: CapturedFrame) -> CapturedFrame:
         return replace(item, arrival_ns=item.arrival_ns + 150_000_000 * (i == 30))

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from recorder.info import log_info
 from recorder.record import record
 from recorder.sources.base import CapturedFrame
 from recorder.verify.pace import Pace, pace_of
@@ -154,6 +155,79 @@ def test_a_pause_whose_frames_come_in_a_burst_lacks_none(tmp_path: Path) -> None
     found = rule(verdict, "rate")
     assert found.level == "warning"
     assert "a pause of 3.070 s after frame 499, its frames in a burst" in found.text
+
+
+def stalled(
+    frames: int, after: int, stall_s: float, apart_s: float = 0.0003
+) -> NDArray[np.float64]:
+    """30 frames/s by a network that stalls: those that waited come `apart_s` from each other."""
+    times_s = np.arange(frames) / 30
+    came_s = times_s.copy()
+    came_s[after + 1] += stall_s
+    for i in range(after + 2, frames):
+        came_s[i] = max(times_s[i], came_s[i - 1] + apart_s)
+    return came_s
+
+
+@pytest.mark.parametrize("apart_s", [0.00001, 0.0003, 0.003, 0.01])
+@pytest.mark.parametrize("after", [1, 30, 75, 84])
+def test_a_burst_loses_nothing_even_if_most_frames_are_in_it(after: int, apart_s: float) -> None:
+    """Half of the recording is a stall."""
+    found = at(stalled(300, after, 5.0, apart_s))
+    assert found.usual_ns == pytest.approx(1e9 / 30, rel=0.01)
+    assert found.lost.sum() == 0
+    assert not found.lossy.any()
+
+
+@pytest.mark.parametrize("apart_s", [0.01, 0.015, 0.02, 0.025])
+def test_a_pause_is_made_up_for_slowly_too(apart_s: float) -> None:
+    """Not with a camera that goes faster for a while."""
+    found = at(stalled(3000, 60, 5.0, apart_s))
+    assert found.usual_ns == pytest.approx(1e9 / 30, rel=0.01)
+    assert found.lost.sum() == 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(1.0, 5.0), st.integers(8, 100), st.integers(0, 20))
+def test_what_is_lost_around_a_burst_is_what_is_missing(
+    seed: int, stall_s: float, after: int, outage: int
+) -> None:
+    """In the burst and in an outage behind it; each frame may be a little off its time."""
+    rng = np.random.default_rng(seed)
+    came_s = stalled(300, after, stall_s)
+    came_s[290:] += outage / 30
+    gone = rng.choice(
+        np.arange(after + 2, after + 25), size=int(rng.integers(0, 10)), replace=False
+    )
+    came_s = np.delete(came_s, gone)
+    found = at(came_s + np.sort(rng.uniform(0, 0.0002, len(came_s))))
+    assert found.usual_ns == pytest.approx(1e9 / 30, rel=0.01)
+    assert found.lost.sum() == outage + len(gone)
+
+
+def test_a_stream_that_only_comes_in_bursts_loses_nothing() -> None:
+    """Thirty frames at once, each second."""
+    ticks = np.arange(900)
+    found = at(ticks // 30 + 0.001 * (ticks % 30))
+    assert found.usual_ns == pytest.approx(1e9 / 30, rel=0.05)
+    assert found.lost.sum() == 0
+
+
+@pytest.mark.parametrize("before", [5, 60, 180])
+def test_an_outage_is_not_taken_for_a_stall(before: int) -> None:
+    """Two thirds are missing: the frames behind it come at the usual time."""
+    found = at(with_pause(190, 380, before))
+    assert found.usual_ns == pytest.approx(1e8)
+    assert found.lost.sum() == 380
+
+
+def test_a_stall_in_a_log_is_told_as_one(tmp_path: Path) -> None:
+    path = log_at(tmp_path / "log.mcap", stalled(300, 74, 5.0))
+    verdict = verify([path], decode=False)
+    assert lost_of(verdict) == 0
+    assert rule(verdict, "gaps").level == "ok"
+    assert rule(verdict, "rate").text.startswith("30.00 frames/s, but ")
+    assert [gap.after_frame for gap in log_info(path).images.gaps] == [74]
 
 
 @pytest.mark.parametrize(("slower", "lost"), [(2, 0), (3, 600)])

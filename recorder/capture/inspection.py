@@ -16,7 +16,7 @@ from recorder.sources.base import CapturedFrame
 # for every third of 1920x1080 and 300 kB.
 _SHARE = 0.03
 # Frames that come at once, after a pause, wait; of more than these the newest.
-_WAITING = 8
+_WAITING = 30
 
 
 class Inspected(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from recorder.errors import InputError
@@ -35,12 +36,15 @@ def check_free(path: Path, *, force: bool) -> None:
     """Before the work rather than after it.
 
     Raises:
-        InputError: `path` exists and `force` is not given, is a folder, or its folder is missing.
+        InputError: `path` exists and `force` is not given, is a folder, or its folder is missing or
+            not to be written to.
     """
     if path.is_dir():
         raise InputError(path, "expected a file to write, found a folder")
     if not path.parent.is_dir():
         raise InputError(path, f"expected the folder {path.parent}, found none")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(path, f"expected to write to the folder {path.parent}, found it read-only")
     if path.exists() and not force:
         raise InputError(path, "expected no such file yet, found one (--force replaces it)")
 
@@ -64,9 +68,9 @@ def write_whole(path: Path, data: bytes) -> None:
     temporary = _temporary(path)
     try:
         _write(temporary, data, path)
-        temporary.replace(path)
+        _rename(temporary, path)
     finally:
-        temporary.unlink(missing_ok=True)
+        _remove(temporary)
 
 
 def write_together(files: Mapping[Path, bytes], *, force: bool) -> None:
@@ -86,7 +90,7 @@ def write_together(files: Mapping[Path, bytes], *, force: bool) -> None:
             _write(temporaries[path], data, path)
         for path, temporary in temporaries.items():
             earlier = path.read_bytes() if path.exists() else None
-            temporary.replace(path)
+            _rename(temporary, path)
             replaced[path] = earlier
     except BaseException:
         for path, earlier in replaced.items():
@@ -97,7 +101,7 @@ def write_together(files: Mapping[Path, bytes], *, force: bool) -> None:
         raise
     finally:
         for temporary in temporaries.values():
-            temporary.unlink(missing_ok=True)
+            _remove(temporary)
 
 
 def _write(temporary: Path, data: bytes, path: Path) -> None:
@@ -106,6 +110,19 @@ def _write(temporary: Path, data: bytes, path: Path) -> None:
     except OSError as error:
         # A full disk names no file, a folder without permission the temporary one.
         raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def _rename(temporary: Path, path: Path) -> None:
+    try:
+        temporary.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def _remove(temporary: Path) -> None:
+    """What is in the way is told by the write; a read-only disk refuses even what is not there."""
+    with suppress(OSError):
+        temporary.unlink(missing_ok=True)
 
 
 def _temporary(path: Path) -> Path:

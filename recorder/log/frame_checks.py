@@ -14,7 +14,9 @@ _LATE_FACTOR = 1.75
 _LATE_NS = 10_000_000
 _INTERVALS_KEPT = 31
 _INTERVALS_NEEDED = 8
-_MANY_KEPT = 300
+# An interval that is so much shorter than usual, while frames are awaited since a pause, is of one
+# that makes up for it.
+_SHORT = 0.8
 
 
 def image_fault(data: bytes, format: str) -> str | None:
@@ -57,8 +59,8 @@ class FrameChecks:
     """Compares each frame with those before it.
 
     Late is said of frames that do not wait for us: those of a live source. The usual time between
-    two arrivals is the median of the last 31 or, if it is longer (a burst made up for a pause), of
-    the last 300; frames lost in between are allowed for.
+    two arrivals is the median of the last 31, without those of frames that made up for a pause;
+    frames lost in between are allowed for.
 
     Attributes:
         passed_ns: from the first capture to the last; where stamps jump back, no time passes.
@@ -70,8 +72,7 @@ class FrameChecks:
         self._timestamp_ns = 0
         self._arrival_ns = 0
         self._intervals_ns: deque[int] = deque(maxlen=_INTERVALS_KEPT)
-        self._many_ns: deque[int] = deque(maxlen=_MANY_KEPT)
-        self._long_ns = 0.0
+        self._awaited_ns = 0.0
         self.passed_ns = 0
 
     @property
@@ -92,12 +93,18 @@ class FrameChecks:
 
     def _late_ns(self, passed_ns: int, gap: int) -> int:
         known = len(self._intervals_ns) >= _INTERVALS_NEEDED
-        usual_ns = max(statistics.median(self._intervals_ns), self._long_ns) if known else 0.0
+        usual_ns = statistics.median(self._intervals_ns) if known else 0.0
         # A clock that was set, back or forth, says nothing about what is usual.
-        if passed_ns >= 0 and not gap:
+        if passed_ns >= 0 and not gap and not self._makes_up(passed_ns, usual_ns):
             self._intervals_ns.append(passed_ns)
-            self._many_ns.append(passed_ns)
-            if len(self._many_ns) % _INTERVALS_KEPT == 0 or len(self._many_ns) == _MANY_KEPT:
-                self._long_ns = statistics.median(self._many_ns)
         limit_ns = max((_LATE_FACTOR + gap) * usual_ns, (1 + gap) * usual_ns + _LATE_NS)
         return passed_ns if known and passed_ns > limit_ns else 0
+
+    def _makes_up(self, passed_ns: int, usual_ns: float) -> bool:
+        """Whether an interval is of a frame that waited; keeps account of how long is made up."""
+        made_up = self._awaited_ns > usual_ns / 2 and passed_ns < _SHORT * usual_ns
+        if not made_up and passed_ns < _LATE_FACTOR * usual_ns:
+            # Frames that were lost are not made up for: what is as usual makes them forgotten.
+            self._awaited_ns /= 2
+        self._awaited_ns = max(self._awaited_ns + passed_ns - usual_ns, 0.0) if usual_ns else 0.0
+        return made_up

@@ -10,7 +10,12 @@ from pipeline.markers import Marker, load_dictionary
 from recorder.errors import InputError
 from recorder.files.map_file import read_map
 from recorder.maps.findings import Checked, Finding, Severity
-from recorder.maps.plausibility import direction_text, plausibility_findings, tilt_deg
+from recorder.maps.plausibility import (
+    direction_text,
+    plausibility_findings,
+    plausible_size,
+    tilt_deg,
+)
 from recorder.maps.spacing import Neighbour, nearest_neighbours, spacing_findings
 
 # Each is the beginning of the next.
@@ -62,8 +67,9 @@ def check_map(data: bytes, path: Path) -> MapCheck:
     markers = reading.markers
     found = [
         *(_unreadable(problem) for problem in reading.problems),
-        *spacing_findings(markers, modules),
         *plausibility_findings(markers),
+        # What a marker of 150 m covers says nothing about where it is.
+        *spacing_findings([marker for marker in markers if plausible_size(marker)], modules),
         *_smaller_dictionary(reading.dictionary, markers),
     ]
     order: list[Severity] = ["error", "warning", "note"]

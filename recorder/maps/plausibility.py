@@ -25,7 +25,12 @@ _ODD = 5 * 1.4826
 _SIZE_BOUNDS_M = (0.005, 3.0)
 _SIZE_SHARE = 0.02
 _UNEVEN_SHARE = 0.02
-_FAR = 10.0
+# Times the usual distance of neighbours: a row that is left out doubles it, a slip of the decimal
+# point makes it ten times as long, less where it leads back towards the others.
+_FAR = 4.0
+_LEAST_FAR_M = 1.0
+# Millimetres for metres: no camera is within sight of a marker all along such a way.
+_LOST_M = 100.0
 _SITE_M = 1000.0
 _COARSE_STD_M = 0.5
 
@@ -45,6 +50,12 @@ def plausibility_findings(markers: Sequence[Marker]) -> list[Finding]:
         *_far_away(markers),
         *_uncertainties(markers),
     ]
+
+
+def plausible_size(marker: Marker) -> bool:
+    """Whether a printed marker can have such a side."""
+    low, high = _SIZE_BOUNDS_M
+    return low <= marker.size_m <= high
 
 
 def direction_groups(markers: Sequence[Marker]) -> list[list[int]]:
@@ -173,19 +184,20 @@ def _sizes(markers: Sequence[Marker]) -> list[Finding]:
     found = []
     sizes = np.array([marker.size_m for marker in markers])
     low, high = _SIZE_BOUNDS_M
+    implausible: dict[float, list[int]] = {}
     for marker in markers:
-        if not low <= marker.size_m <= high:
-            text = (
-                f"marker {marker.id} has a side of {marker.size_m:g} m: expected {low:g} to "
-                f"{high:g} m; is that in metres?"
-            )
-            found.append(Finding("error", "size", (marker.id,), text))
+        if not plausible_size(marker):
+            implausible.setdefault(marker.size_m, []).append(marker.id)
+    for size_m, ids in implausible.items():
+        who = f"marker {ids[0]} has" if len(ids) == 1 else f"{len(ids)} markers have"
+        text = f"{who} a side of {size_m:g} m: expected {low:g} to {high:g} m; is that in metres?"
+        found.append(Finding("error", "size", tuple(ids), text))
     median = float(np.median(sizes))
     spread = np.abs(sizes / median - 1.0)
     limit = max(_SIZE_SHARE, _ODD * float(np.median(spread)))
     if len(markers) >= _FEWEST:
         for marker, share in zip(markers, spread, strict=True):
-            if share > limit and low <= marker.size_m <= high:
+            if share > limit and plausible_size(marker):
                 text = (
                     f"marker {marker.id} has a side of {marker.size_m:g} m, most have {median:g} m"
                 )
@@ -211,25 +223,32 @@ def _uneven(markers: Sequence[Marker]) -> list[Finding]:
 
 
 def _far_away(markers: Sequence[Marker]) -> list[Finding]:
-    found = []
+    """Single markers, by their nearest neighbours: groups far from each other are as sites are."""
+    if len(markers) < 2:
+        return []
     centres = np.array([marker.centre_m for marker in markers])
-    extent_m = float(np.ptp(centres, axis=0).max())
-    if extent_m > _SITE_M:
-        text = f"the markers are spread over {extent_m:.0f} m: are the places in metres?"
-        found.append(Finding("warning", "extent", (), text))
-    if len(markers) < _FEWEST:
-        return found
     distances = np.linalg.norm(centres[:, None] - centres, axis=2)
     np.fill_diagonal(distances, np.inf)
     nearest = distances.min(axis=1)
-    limit = _FAR * float(np.median(nearest))
-    for marker, distance in zip(markers, nearest, strict=True):
-        if distance > limit > 0:
-            text = (
-                f"marker {marker.id} is {distance:.2f} m from the nearest other; "
-                f"half of them have one within {np.median(nearest):.2f} m"
+    usual_m = float(np.median(nearest))
+    lost = nearest > _LOST_M
+    # What a few that are lost stretch is told of them.
+    common = centres if 2 * lost.sum() > len(markers) else centres[~lost]
+    extent_m = float(np.ptp(common, axis=0).max())
+    if usual_m > _LOST_M or extent_m > _SITE_M:
+        text = (
+            f"the markers are spread over {extent_m:.0f} m, {usual_m:.2f} m from one to the next: "
+            "are the places in metres, not in millimetres?"
+        )
+        return [Finding("error", "extent", (), text)]
+    found = []
+    limit_m = max(_FAR * usual_m, _LEAST_FAR_M) if len(markers) >= _FEWEST else np.inf
+    for marker, distance, is_lost in zip(markers, nearest, lost, strict=True):
+        if is_lost or distance > limit_m:
+            text = f"marker {marker.id} is {distance:.2f} m from the nearest other; " + (
+                "is that in metres?" if is_lost else f"half of them have one within {usual_m:.2f} m"
             )
-            found.append(Finding("warning", "far", (marker.id,), text))
+            found.append(Finding("error" if is_lost else "warning", "far", (marker.id,), text))
     return found
 
 

@@ -8,13 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_opening, median_filter
 
-# With fewer intervals there is no usual one.
-_NEEDED = 8
-# An interval is regular within half of the usual one.
-_REGULAR = 0.5
-# So many regular frames are settled: what is late by then does not come any more. It is also how
-# many the time before and after is taken from, as each of them may be a little off.
-_SETTLED = 5
+from recorder.usual_interval import REGULAR, SETTLED, usual_interval_ns, waiting
+
 # In the dark a camera exposes for longer, and halves its rate: for a while that is no loss. A while
 # is as long as so many intervals, its rate their median, and another one from a quarter on.
 _WHILE = 31
@@ -27,7 +22,7 @@ class Pace:
     """The N - 1 intervals between N frames; across parts that are missing there is none.
 
     Attributes:
-        usual_ns: from one frame number to the next: the median, without those that are off.
+        usual_ns: from one frame number to the next: see `recorder.usual_interval`.
         expected_ns: (N - 1,) the same at each place: another one where the camera is slower or
             faster for a while.
         passed: (N - 1,) how many expected intervals passed: two where one frame is missing.
@@ -65,44 +60,59 @@ def pace_of(
     """
     numbers = np.maximum(np.diff(indices), 1)
     steps_ns = np.diff(timestamps_ns).astype(np.float64)
-    known = adjoin & (steps_ns > 0)
-    if np.count_nonzero(known) < _NEEDED:
+    usual_ns = usual_interval_ns(steps_ns, numbers, adjoin)
+    if usual_ns is None:
         return None
+    known = adjoin & (steps_ns > 0)
     each_ns = steps_ns / numbers
-    usual_ns = float(np.median(each_ns[known]))
-    # Those that lack frames make it too long.
-    regular = known & (np.abs(each_ns - usual_ns) <= _REGULAR * usual_ns)
-    if regular.any():
-        usual_ns = float(np.median(each_ns[regular]))
     local_ns = median_filter(np.where(known, each_ns, usual_ns), _WHILE, mode="nearest")
     ratio = np.maximum(local_ns / usual_ns, usual_ns / local_ns)
     changed = binary_opening((ratio > _OTHER) & (ratio < _HALVED), np.ones(_WHILE))
+    slower = changed & (local_ns > usual_ns)
+    waited = waiting(np.where(adjoin & ~slower, steps_ns / usual_ns - numbers, 0.0))
+    # Frames that waited come at another rate than the camera's.
+    catching_up = changed & ~slower & waited
+    changed &= ~catching_up
     expected_ns = np.where(changed, local_ns, usual_ns)
     passed = steps_ns / expected_ns
     late = np.where(adjoin, passed - numbers, 0.0)
-    off = np.abs(late) > _REGULAR
-    lost, lossy = _lost(late, off)
+    off = np.abs(late) > REGULAR
+    lost, lossy = _lost(late, off | catching_up)
     return Pace(usual_ns, expected_ns, passed, off, adjoin, lost, lossy)
 
 
 def _lost(
-    late: NDArray[np.float64], off: NDArray[np.bool_]
+    late: NDArray[np.float64], irregular: NDArray[np.bool_]
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """By how many frames the others are later behind each irregular stretch than before it."""
+    """By how many frames the others are later behind each irregular stretch than before it.
+
+    What comes too early without a stamp that jumps back had waited since a stretch before: it is
+    not lost there.
+    """
     lost, lossy = np.zeros(len(late), np.int64), np.zeros(len(late), bool)
-    places = np.flatnonzero(off)
+    places = np.flatnonzero(irregular)
     if not len(places):
         return lost, lossy
-    breaks = np.flatnonzero(np.diff(places) > _SETTLED)
+    breaks = np.flatnonzero(np.diff(places) > SETTLED)
     firsts = places[np.concatenate([[0], breaks + 1])]
     lasts = places[np.concatenate([breaks, [len(places) - 1]])]
     lateness = np.concatenate([[0.0], np.cumsum(late)])
-    around = np.arange(_SETTLED)
+    # Each of them may be a little off.
+    around = np.arange(SETTLED)
     before = np.median(lateness[np.maximum(firsts[:, None] - around, 0)], axis=1)
     behind = np.minimum(lasts[:, None] + 1 + around, len(late))
     later = np.rint(np.median(lateness[behind], axis=1) - before).astype(np.int64)
+    holes: list[int] = []
     for first, last, frames in zip(firsts, lasts, later, strict=True):
         if frames > 0:
-            lost[first + int(np.argmax(late[first : last + 1]))] = frames
+            holes.append(first + int(np.argmax(late[first : last + 1])))
+            lost[holes[-1]] = frames
             lossy[first : last + 1] = True
+        early = -int(frames) if (late[first : last + 1] >= -1).all() else 0
+        while early > 0 and holes:
+            found = min(early, int(lost[holes[-1]]))
+            lost[holes[-1]] -= found
+            early -= found
+            if not lost[holes[-1]]:
+                lossy[holes.pop()] = False
     return lost, lossy

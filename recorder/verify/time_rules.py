@@ -12,6 +12,8 @@ from recorder.verify.verdict import Verdict, failed, ok, warning
 # A pause is as long as so many intervals.
 _PAUSE = 5.0
 _CLOCKS_S = 1.0
+# A capture cannot be later than its arrival, but for what two readings of clocks differ by.
+_AHEAD_S = 0.005
 
 
 def gaps(facts: Facts) -> Verdict:
@@ -103,6 +105,9 @@ def arrivals(facts: Facts) -> Verdict:
     behind_s = (facts.arrivals_ns - facts.timestamps_ns) / 1e9
     if len(behind_s) and abs(apart_s := float(np.median(behind_s))) > _CLOCKS_S:
         text = f"capture and arrival are {apart_s:.3f} s apart: of two clocks?"
+        return warning("arrivals", text)
+    if len(behind_s) and (ahead_s := -float(np.median(behind_s))) > _AHEAD_S:
+        text = f"captures are stamped {1000 * ahead_s:.1f} ms after they arrived"
         return warning("arrivals", text)
     if late := facts.said("frames_late"):
         return warning("arrivals", f"{counted(late, 'frame')} late")

@@ -16,6 +16,8 @@ _OFF_DEG = 20.0
 # Nearer to a corner than this, a heading may be that of either side.
 _CORNER_M = 0.1
 _FEWEST = 3
+# Quarter turns in radians are written with two digits after the point, or more.
+_RADIANS_OFF = 0.006
 
 
 def unit_findings(file: TruthFile) -> Iterator[TruthFinding]:
@@ -25,11 +27,11 @@ def unit_findings(file: TruthFile) -> Iterator[TruthFinding]:
     for label, angle in headings:
         if not angle:
             continue
-        quarters = angle / (math.pi / 2)
+        quarters = round(angle / (math.pi / 2))
         if abs(angle) > 360:
             text = f"{label} has a heading of {angle:g} degrees: more than a turn"
             yield TruthFinding("warning", "heading", label, text)
-        elif abs(angle) < 7 and abs(quarters - round(quarters)) < 1e-3:
+        elif 1 <= abs(quarters) <= 4 and abs(angle - quarters * math.pi / 2) < _RADIANS_OFF:
             text = f"{label} has a heading of {angle:g} degrees, which looks like radians"
             yield TruthFinding("warning", "heading", label, text)
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from pipeline.geometry import Array
 from recorder.bench.check.findings import TruthFinding
 from recorder.bench.marks import Mark
 from recorder.files.truth_entries import TruthFile
@@ -20,27 +21,37 @@ _FAST_MPS = 3.0
 # Between two stamps of a timed trajectory; motion capture jumps when it confuses its targets.
 _JUMP_MPS = 5.0
 _SHORT_S = 1.0
+# Spans are told to the millisecond.
+_STAMP_S = 0.0005
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LogTimes:
     """What a log says about times.
 
     Attributes:
-        duration_s: from the first image's capture to the last one's.
+        frames_s: (N,) when images were captured, from the first one's capture, in order.
     """
 
-    duration_s: float
+    frames_s: Array
     marks: tuple[Mark, ...]
 
+    @property
+    def duration_s(self) -> float:
+        """From the first image's capture to the last one's."""
+        return float(self.frames_s[-1]) if len(self.frames_s) else 0.0
 
-def log_duration_s(log: LogReader) -> float:
-    """In one pass."""
-    last_ns = log.start_ns or 0
-    for _, channel, message in log.messages():
-        if channel.topic == topics.IMAGE:
-            last_ns = max(last_ns, message.publish_time)
-    return (last_ns - (log.start_ns or 0)) / 1e9
+
+def log_frames_s(log: LogReader) -> Array:
+    """The capture times of a log's images, as in `LogTimes`; in one pass."""
+    times_ns = [
+        message.publish_time
+        for _, channel, message in log.messages()
+        if channel.topic == topics.IMAGE
+    ]
+    # Whole nanoseconds since 1970 are more than a float can tell apart.
+    since_ns = np.array(sorted(times_ns), dtype=np.int64) - (log.start_ns or 0)
+    return np.asarray(since_ns / 1e9)
 
 
 def order_findings(file: TruthFile) -> Iterator[TruthFinding]:
@@ -84,6 +95,22 @@ def speed_findings(truth: Truth) -> Iterator[TruthFinding]:
             yield TruthFinding("warning", "speed", "trajectory", text)
 
 
+def frame_findings(truth: Truth, frames_s: Array) -> Iterator[TruthFinding]:
+    """Poses within the log that no image was taken at: the camera was off, or too slow."""
+    if not len(frames_s):
+        return
+    for pose in truth.poses:
+        first, after = np.searchsorted(frames_s, (pose.from_s - _STAMP_S, pose.to_s + _STAMP_S))
+        if first == after and pose.to_s <= frames_s[-1]:
+            name = f" of waypoint {pose.name}" if pose.name else ""
+            nearest_s = float(np.abs(frames_s - (pose.from_s + pose.to_s) / 2).min())
+            text = (
+                f"no image from {pose.from_s:g} s to {pose.to_s:g} s, the nearest is "
+                f"{nearest_s:.2f} s away: the pose{name} is compared with none"
+            )
+            yield TruthFinding("warning", "log", f"pose at {pose.from_s:g} s", text)
+
+
 def log_findings(truth: Truth, log: LogTimes) -> Iterator[TruthFinding]:
     """Whether the truth speaks of this log, and its marks of these waypoints."""
     for pose in truth.poses:
@@ -96,6 +123,7 @@ def log_findings(truth: Truth, log: LogTimes) -> Iterator[TruthFinding]:
             yield TruthFinding(
                 "error" if after else "warning", "log", f"pose at {pose.from_s:g} s", text
             )
+    yield from frame_findings(truth, log.frames_s)
     counted = [mark for mark in log.marks if not mark.undone]
     marked = {mark.name for mark in counted}
     if counted and not truth.waypoints:
