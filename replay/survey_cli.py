@@ -34,7 +34,7 @@ class _Ids(click.ParamType[frozenset[int]]):
 @click.command(
     epilog="""\b
 Example:
-  arucolog map survey drive.mcap --map rough.yaml --fix 0,5 -o refined.yaml
+  arucolog map survey drive.mcap --map rough.yaml --fix 0,11 -o refined.yaml
 """
 )
 @click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=_FILE)

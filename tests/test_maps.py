@@ -25,6 +25,7 @@ from recorder.maps.check_text import check_text
 from recorder.maps.findings import Severity
 from recorder.maps.spacing import overlap, square_gap_m
 from recorder.simulation.installation import InstallationErrors
+from recorder.simulation.scene_file import load_scene, shipped_scenes
 from tests import worlds
 
 SITE = Path("map.yaml")
@@ -86,6 +87,8 @@ def changed(content: Content, **values: Any) -> None:
         (lambda c: moved(c, 2, -0.05), "warning", {("height", (5,))}),
         (lambda c: moved(c, 0, 0.4), "error", {("overlap", (5, 6))}),
         (lambda c: moved(c, 0, 50.0), "warning", {("far", (5,))}),
+        (lambda c: moved(c, 1, 3.6), "warning", {("far", (5,))}),
+        (lambda c: moved(c, 0, 500.0), "error", {("far", (5,))}),
         (lambda c: changed(c, size_m=0.16), "warning", {("size", (5,))}),
         (lambda c: changed(c, size_m=150.0), "error", {("size", (5,))}),
         (lambda c: changed(c, std_m=5.0), "warning", {("std", (5,))}),
@@ -103,10 +106,10 @@ def test_a_slip_is_found(
     check = checked(content)
     assert expected <= found(check, severity)
     assert check.sane == (not found(check, "error"))
-    # Nothing else is blamed, but for what a marker of 150 m covers.
-    if ("size", (5,)) not in found(check, "error"):
-        blamed = {f.ids for f in check.findings if f.severity != "note" and f.ids}
-        assert all(5 in ids for ids in blamed)
+    # Nothing else is blamed, nor what a marker of 150 m covers.
+    blamed = {f.ids for f in check.findings if f.severity != "note" and f.ids}
+    assert all(5 in ids for ids in blamed)
+    assert ("size", (5,)) not in found(check, "error") or len(check.findings) == 1
     assert "\n" not in "".join(f.text for f in check.findings)
 
 
@@ -135,6 +138,40 @@ def test_all_problems_are_told_not_only_the_first() -> None:
 def test_a_wrong_common_size_is_told_once() -> None:
     check = checked(ceiling() | {"size_m": "15 cm"})
     assert [f.check for f in check.findings] == ["file"]
+
+
+def test_millimetres_are_told_once() -> None:
+    """Of places, of sizes, and of both; overlaps of squares of 150 m say nothing."""
+    places, sizes = ceiling(), ceiling() | {"size_m": 150.0}
+    for marker in places["markers"]:
+        marker["xyz_m"] = [1000 * value for value in marker["xyz_m"]]
+    ids = tuple(range(12))
+    assert found(checked(places), "error") == {("extent", ())}
+    assert found(checked(sizes), "error") == {("size", ids)}
+    check = checked(places | {"size_m": 150.0})
+    assert found(check, "error") == {("size", ids), ("extent", ())}
+    assert len(check.findings) == 2
+    assert all("metres" in finding.text for finding in check.findings)
+
+
+def test_groups_that_are_far_apart_are_no_slip() -> None:
+    """Two halls, markers along a corridor, and a row that is left out."""
+    near = [(x, y) for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5)]
+    for places in (
+        [*near, *((x + 80.0, y) for x, y in near)],
+        [(15.0 * i, 0.0) for i in range(60)],
+        [(x if x < 1.0 else 1.5, y) for x, y in near],
+    ):
+        markers = [Marker.from_yaw(i, (*p, 2.5), 0, "down", 0.15) for i, p in enumerate(places)]
+        check = check_map(map_yaml(MarkerMap("map", "DICT_6X6_100", tuple(markers))), SITE)
+        assert not [f for f in check.findings if f.severity != "note"], check_text(check)
+
+
+def test_shipped_scenes_are_sane() -> None:
+    for name, path in shipped_scenes().items():
+        check = check_map(map_yaml(load_scene(path).true_map), SITE)
+        assert "far" not in {f.check for f in check.findings}, name
+        assert check.sane, name
 
 
 KEYS = ["id", "xyz_m", "yaw_deg", "facing", "size_m", "corners_m"]

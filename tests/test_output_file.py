@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +13,7 @@ from click.testing import CliRunner
 
 from arucolog import cli
 from recorder.errors import InputError
-from recorder.files.output_file import check_suffix
+from recorder.files.output_file import check_free, check_suffix, write_together, write_whole
 
 # What is wrong is only the suffix; what is read does not exist, and is never looked for.
 WRONG = {
@@ -85,3 +87,32 @@ def test_either_case_will_do_and_nothing_is_no_file() -> None:
     for name in (".mcap", "mcap", "drive.mcap.bak"):
         with pytest.raises(InputError):
             check_suffix(Path(name), [".mcap"])
+
+
+def test_a_folder_that_is_read_only_is_found_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: path != tmp_path)
+    with pytest.raises(InputError, match=r"a.yaml: expected to write to the folder .* read-only"):
+        check_free(tmp_path / "a.yaml", force=True)
+
+
+@pytest.mark.parametrize("refused", ["write_bytes", "replace"])
+def test_what_cannot_be_written_is_named_as_it_was_asked_for(
+    refused: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A read-only disk refuses to remove as well, even what is not there."""
+    path = tmp_path / "a.pdf"
+
+    def refuse(self: Path, *_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(self))
+
+    monkeypatch.setattr(Path, refused, refuse)
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(OSError, match="Read-only") as whole:
+        write_whole(path, b"1")
+    with pytest.raises(OSError, match="Read-only") as together:
+        write_together({path: b"1"}, force=False)
+    for caught in (whole.value, together.value):
+        assert caught.filename == str(path)
+        assert ".part" not in str(caught)

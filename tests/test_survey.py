@@ -16,7 +16,7 @@ from pipeline.geometry import Array, Pose
 from pipeline.markers import CORNER_SIGNS, Marker, MarkerMap
 from pipeline.pose import RansacIterative
 from replay.survey.keyframes import choose
-from replay.survey.problem import Observations, Prior, Problem
+from replay.survey.problem import EdgePrior, Observations, Prior, Problem
 from replay.survey.report import refined_yaml, survey_text, warnings
 from replay.survey.results import IMPLAUSIBLE_SIGMAS, Survey, SurveyOptions
 from replay.survey.sightings import FrameCount, Sighter, Sighting
@@ -437,6 +437,52 @@ def test_nothing_to_survey() -> None:
         survey([], CAMERA, HAND, SurveyOptions(FIXED))
     with pytest.raises(ValueError, match="ids of the map to fix, found 99"):
         survey([], CAMERA, HAND, SurveyOptions(frozenset({99})))
+
+
+def scaled(by: float) -> MarkerMap:
+    """As if the tape measure were, across the ceiling."""
+    markers = []
+    for marker in HAND.markers:
+        T = marker.T_map_marker
+        pose = Pose(T.rotation, T.translation * [by, by, 1.0])
+        markers.append(Marker.from_pose(marker.id, pose, marker.size_m))
+    return replace(HAND, markers=tuple(markers))
+
+
+def test_a_map_of_another_place_is_no_survey() -> None:
+    """Each marker is somewhere, none where another one would have it."""
+    order = np.random.default_rng(0).permutation(12)
+    markers = zip(HAND.markers, order, strict=True)
+    true = replace(
+        HAND,
+        markers=tuple(
+            Marker.from_pose(m.id, HAND.markers[i].T_map_marker, m.size_m) for m, i in markers
+        ),
+    )
+    good = seen(true, true, loop(12), fixed=frozenset())
+    with pytest.raises(ValueError, match=r"expected corners that fit to 5 px, found .* place"):
+        survey(good, CAMERA, HAND, SurveyOptions())
+
+
+@pytest.mark.parametrize(("by", "outcome"), [(1.0, ""), (1.05, "warning"), (1.5, "error")])
+def test_a_wrong_scale_shows_in_the_edges(by: float, outcome: str) -> None:
+    """Nothing but the edges tells it, where nothing is fixed and the camera stays level."""
+    hand, poses = scaled(by), [worlds.looking_up(0.1 * i, 0.0, 0.4, 0.3 * i) for i in range(-6, 7)]
+    options = SurveyOptions(edges=EdgePrior(0.49, 0.1))
+    sightings = seen(HAND, hand, poses, inset_px=0.49, sigma_px=0.3, fixed=frozenset())
+    if outcome == "error":
+        with pytest.raises(ValueError, match="px: are the markers' sizes and places of one scale"):
+            survey(sightings, CAMERA, hand, options)
+    else:
+        told = warnings(survey(sightings, CAMERA, hand, options))
+        assert any("by a few percent" in line for line in told) == (outcome == "warning"), told
+
+
+@pytest.mark.parametrize(("fixed", "told"), [({0, 1}, True), ({5}, True), ({0, 11}, False)])
+def test_what_is_fixed_should_be_far_apart(fixed: set[int], told: bool) -> None:
+    ids = frozenset(fixed)
+    found = survey(seen(HAND, HAND, loop(12), fixed=ids), CAMERA, HAND, SurveyOptions(ids))
+    assert any("fix two that are far apart" in line for line in warnings(found)) == told
 
 
 def test_keyframes_differ() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -239,6 +240,23 @@ def test_mistakes_are_one_line_and_leave_nothing(
         assert done.exit_code == code
         assert part in done.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_a_map_of_another_place_gives_no_map(site: Path, tmp_path: Path) -> None:
+    """The same markers, hung up in another order."""
+    told, out = hand_map(), tmp_path / "refined.yaml"
+    order = np.random.default_rng(0).permutation(len(told.markers))
+    other = [
+        Marker.from_pose(marker.id, told.markers[i].T_map_marker, marker.size_m)
+        for marker, i in zip(told.markers, order, strict=True)
+    ]
+    path = tmp_path / "other.yaml"
+    path.write_bytes(map_yaml(replace(told, markers=tuple(other))))
+    done = run(site / "drive.mcap", "--map", path, "--every", "4", "-o", out)
+    assert isinstance(done.exception, InputError)
+    assert "other.yaml: expected a map in which most images" in str(done.exception)
+    assert "of 16 without one: is it of this place" in str(done.exception)
+    assert not out.exists()
 
 
 def test_logs_of_different_cameras(site: Path, tmp_path: Path) -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Collection
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given
@@ -188,7 +190,8 @@ waypoints:
   - {name: 1, row: 4, col: 1, heading_deg: 270, std_m: 0.005}
   - {name: 2, row: 1, col: -4, heading_deg: 0, std_m: 0.005}
 """
-TIMES = LogTimes(30.0, (Mark("1", 20.0, 22.0, stood=True), Mark("2", 25.0, 25.0, stood=False)))
+FRAMES_S = np.arange(301) / 10
+TIMES = LogTimes(FRAMES_S, (Mark("1", 20.0, 22.0, stood=True), Mark("2", 25.0, 25.0, stood=False)))
 
 
 def found(text: str, marker_map: MarkerMap = CEILING, log: LogTimes | None = None) -> TruthCheck:
@@ -220,6 +223,8 @@ def test_a_good_file_has_no_findings() -> None:
         ("closed: true, std_m: 0.05", "closed: true, std_m: 1e-4", "warning", "std", "0.1 mm"),
         ("heading_deg: 0,", "heading_deg: 90,", "warning", "heading", "waypoint 2 is turned"),
         ("yaw_deg: 180", "yaw_deg: 3.1416", "warning", "heading", "radians"),
+        ("yaw_deg: 180", "yaw_deg: 3.14", "warning", "heading", "radians"),
+        ("yaw_deg: 180", "yaw_deg: -1.57", "warning", "heading", "radians"),
         ("yaw_deg: 180", "yaw_deg: 540", "warning", "heading", "more than a turn"),
         ("row: 1, col: -4", "row: 1, col: -2", "warning", "path", "waypoint 2 is 0.50 m off"),
         ("row: 1, col: -4", "row: 4, col: 1", "warning", "twice", "waypoint 1 and waypoint 2"),
@@ -252,11 +257,26 @@ def test_spans_out_of_order_and_marks_that_say_little() -> None:
         Mark("2", 25.0, None, stood=True),
         Mark("1", 27.0, 27.0, stood=False, undone=True),
     )
-    texts = [f.text for f in found("".join(lines), log=LogTimes(30.0, marks)).findings]
+    texts = [f.text for f in found("".join(lines), log=LogTimes(FRAMES_S, marks)).findings]
     assert len(texts) == 3
     assert any("poses[1] begins at 0 s, before the one above it" in text for text in texts)
     assert any("standing still at 1 from 20.000 to 20.300 lasts 0.3 s only" in t for t in texts)
     assert any("standing still at 2 from 25.000 was not ended" in text for text in texts)
+
+
+def test_places_without_an_image_are_told() -> None:
+    """The camera was lost from 19.5 s to 25.05 s, and came back within the second mark."""
+    lost = (FRAMES_S > 19.5) & (FRAMES_S < 25.05)
+    (finding,) = found(GOOD, log=LogTimes(FRAMES_S[~lost], TIMES.marks)).findings
+    assert (finding.severity, finding.where) == ("warning", "pose at 20 s")
+    assert "no image from 20 s to 22 s, the nearest is 1.50 s away" in finding.text
+    assert "waypoint 1" in finding.text
+
+
+def test_small_headings_are_degrees() -> None:
+    for angle in (0, 0.001, 1.5, 3, 5, 45):
+        texts = [f.text for f in found(GOOD.replace("yaw_deg: 180", f"yaw_deg: {angle}")).findings]
+        assert not any("radians" in text for text in texts), angle
 
 
 def test_exact_squares_are_no_slip() -> None:
@@ -304,6 +324,9 @@ def test_the_verdict_is_the_exit_code(tmp_path: Path) -> None:
     text = run("check", truth, "--map", tmp_path / "map.yaml").output
     assert text.splitlines()[-1].endswith("2 timed poses, 1 error, 2 warnings")
     assert run("check", truth).exit_code == 2
+    missing = run("check", tmp_path / "none.yaml")
+    assert isinstance(missing.exception, InputError)
+    assert "none.yaml" in str(missing.exception)
 
 
 MARKED = b"""\
@@ -318,7 +341,7 @@ waypoints:
 """
 
 
-def marked(path: Path) -> Path:
+def marked(path: Path, lost: Collection[int] = ()) -> Path:
     files = {**attachments(), "truth.yaml": MARKED}
     texts = {
         10: "standing still at 1 from 1.000",
@@ -329,7 +352,8 @@ def marked(path: Path) -> Path:
     with LogWriter(path, attachments=files, session={}) as writer:
         for i in range(30):
             item = frame(i, size=100)
-            writer.write_frame(item)
+            if i not in lost:
+                writer.write_frame(item)
             if i in texts:
                 writer.write_event(item.timestamp_ns, "info", texts[i], name="operator")
     return path
@@ -359,6 +383,23 @@ def test_marks_become_a_file_with_times(tmp_path: Path) -> None:
     content = json.loads(run("marks", log, "--json").stdout)
     assert [pose["from_s"] for pose in content["poses"]] == [0.0, 1.0, 2.1]
     assert [mark["name"] for mark in content["marks"]] == ["1", "b", "c"]
+
+
+def test_marks_while_the_camera_was_lost_are_told(tmp_path: Path) -> None:
+    """From the command line: of the span from 1 s to 2 s there is no image, of 2.2 s there is."""
+    log, truth = marked(tmp_path / "x.mcap", lost=range(9, 22)), tmp_path / "truth.yaml"
+    truth.write_bytes(MARKED)
+    (tmp_path / "map.yaml").write_bytes(map_yaml(CEILING))
+    for done in (
+        run("marks", log),
+        run("check", truth, "--map", tmp_path / "map.yaml", "--log", log),
+    ):
+        assert done.exit_code == 0, done.output
+        assert done.output.count("no image from") == 1
+        assert (
+            "no image from 1 s to 2 s, the nearest is 0.70 s away: the pose of wayp" in done.output
+        )
+    assert "no image" not in run("marks", marked(tmp_path / "y.mcap")).output
 
 
 def test_marks_need_waypoints_to_be_timed(tmp_path: Path) -> None:

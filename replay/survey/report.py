@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.geometry import Pose
 from pipeline.markers import Marker
 from recorder.files.map_file import map_yaml
-from replay.survey.results import IMPLAUSIBLE_SIGMAS, Survey, SurveyedMarker
+from replay.survey.results import IMPLAUSIBLE_SIGMAS, ODD_EDGE_SIGMAS, Survey, SurveyedMarker
 from replay.survey.sightings import FrameCount
 
 _HEADER = (
@@ -20,6 +20,8 @@ _HEADER = (
 )  # fmt: skip
 # Of the markers that may move; slips of the tape measure are rarer.
 _MANY = 0.5
+# Of the distance between those farthest apart: beyond what is fixed, errors grow as on a lever.
+_SPAN = 0.4
 _UNITS = ("", "", "mm", "mm", "mm", "deg", "deg", "mm", "mm", "mm", "deg", "deg", "")
 
 
@@ -89,6 +91,14 @@ def warnings(survey: Survey) -> list[str]:
             f"{listed(survey.contradicted)}. The refined map is bent between them by more than its "
             "std_m: one of all these is not where it was measured, fix those only that are sure"
         )
+    if text := _close_together(survey):
+        lines.append(text)
+    if survey.edge_sigmas > ODD_EDGE_SIGMAS:
+        lines.append(
+            f"edges are seen {survey.edge_px:.2f} px inside the true ones, expected were "
+            f"{survey.options.edges.mean_px:.2f}: a size or the distances of the markers may be "
+            "wrong by a few percent"
+        )
     if missed := fixed & {*survey.unseen, *survey.disowned}:
         lines.append(
             f"fixed, but of no use here, so that nothing is tied to them: {listed(missed)}"
@@ -113,6 +123,30 @@ def warnings(survey: Survey) -> list[str]:
     if not survey.converged:
         lines.append("the solution has not settled: the log says little about some marker")
     return lines
+
+
+def _close_together(survey: Survey) -> str:
+    """On what is fixed where that is a small part of the map; empty where it is not."""
+    held = [marker for marker in survey.markers if marker.fixed]
+    span_m, extent_m = _span_m(held), _span_m(survey.markers)
+    if not held or span_m >= _SPAN * extent_m:
+        return ""
+    ids = listed(marker.id for marker in held)
+    who = (
+        f"only marker {ids} is fixed, in a map of {extent_m:.2f} m"
+        if len(held) == 1
+        else f"fixed are only {ids}, {span_m:.2f} m apart in a map of {extent_m:.2f} m"
+    )
+    return (
+        f"{who}: their errors grow with the distance from them, and are not in std_m; fix two that "
+        "are far apart"
+    )
+
+
+def _span_m(markers: Sequence[SurveyedMarker]) -> float:
+    """Between the two farthest apart, as measured by hand."""
+    centres = np.array([marker.hand.centre_m for marker in markers]).reshape(-1, 3)
+    return float(np.linalg.norm(centres[:, None] - centres, axis=2).max(initial=0.0))
 
 
 def _reasons(count: FrameCount, survey: Survey) -> str:
