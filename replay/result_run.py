@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from contextlib import ExitStack
 from hashlib import sha256
@@ -60,6 +61,9 @@ class ResultRun:
     """Writes a result folder's tables and Rerun file, frame by frame; use it in a `with` block.
 
     The same for a log and for frames that are being recorded. When the block ends, the files are.
+
+    Attributes:
+        rrd_problem: why there is no Rerun file, where there was to be one; the tables stand alone.
     """
 
     def __init__(
@@ -81,25 +85,25 @@ class ResultRun:
         self._localizer = Localizer(settings, inputs.camera, inputs.marker_map, start_ns)
         self._measured = MeasuredTruth(inputs.truth, start_ns)
         self.tally = Tally()
+        self.rrd_problem: str | None = None
         with ExitStack() as stack:
             self._tables = stack.enter_context(TableWriter(folder))
             self._recording: ReplayRecording | None = None
             if recording_id is not None:
                 from replay.viewer.recording import ReplayRecording
 
-                self._recording = stack.enter_context(
-                    ReplayRecording(
-                        folder / RRD,
-                        log_id=recording_id,
-                        result_name=name,
-                        camera=inputs.camera,
-                        marker_map=inputs.marker_map,
-                        truth=inputs.truth,
-                        tracker_names=tuple(settings.trackers),
-                        start_ns=start_ns,
-                        log_name=log_name,
-                    )
+                self._recording = ReplayRecording(
+                    folder / RRD,
+                    log_id=recording_id,
+                    result_name=name,
+                    camera=inputs.camera,
+                    marker_map=inputs.marker_map,
+                    truth=inputs.truth,
+                    tracker_names=tuple(settings.trackers),
+                    start_ns=start_ns,
+                    log_name=log_name,
                 )
+                stack.push(self._end_recording)
             self._open = stack.pop_all()
 
     def localize(self, item: DetectedImage) -> FrameResult:
@@ -137,6 +141,31 @@ class ResultRun:
         trace: TracebackType | None,
     ) -> None:
         self._open.__exit__(kind, error, trace)
+
+    def _end_recording(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        from replay.viewer.output import NotWrittenError
+
+        if self._recording is None:
+            return
+        try:
+            self._recording.__exit__(kind, error, trace)
+        except NotWrittenError as problem:
+            self.rrd_problem = problem.reason
+
+
+def not_written_text(error: OSError) -> str:
+    """Of a result; without the name of the temporary file."""
+    return f"could not be written: {os.strerror(error.errno) if error.errno else error}"
+
+
+def rrd_problem_text(problem: str) -> str:
+    """What to say of a result without the Rerun file that it was to have."""
+    return f"could not be written: {problem}; the tables are complete"
 
 
 def write_inputs(folder: Path, inputs: Inputs, settings: PipelineSettings) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 import time
 from collections.abc import Sequence
@@ -19,7 +20,15 @@ from recorder.log.reader import LogReader
 from recorder.log.records import LogEvent, LogImage
 from replay.inputs import Inputs, Overrides, gather
 from replay.result import new_result
-from replay.result_run import ResultRun, Tally, check_models, write_inputs, write_summary
+from replay.result_run import (
+    RRD,
+    ResultRun,
+    check_models,
+    not_written_text,
+    rrd_problem_text,
+    write_inputs,
+    write_summary,
+)
 from replay.stages import cores, detect_ahead, opencv_threads, pair
 
 
@@ -50,28 +59,38 @@ def replay(
 
     Raises:
         InputError: the log, a file or the output is not what it should be; nothing is left behind.
+            Where it is only the Rerun file that cannot be written, the rest of the result is.
     """
     check_models(options.settings)
     paths = (log,) if isinstance(log, Path) else tuple(log)
-    with open_log(paths) as reader, new_result(out, force=options.force) as folder:
-        inputs = gather(reader, options.overrides)
-        _check_images(reader, inputs)
-        write_inputs(folder, inputs, options.settings)
-        log_sha256 = reader.sha256()
-        started = time.perf_counter()
-        tally = _run(reader, inputs, folder, name, log_sha256, options)
-        wall_s = time.perf_counter() - started
-        if not tally.frames:
-            raise InputError(reader.path, f"expected images in {_span(options)}, found none")
-        given = vars(options.overrides).items()
-        more = {
-            "name": name,
-            "log_sha256": log_sha256,
-            "overrides": sorted(key for key, value in given if value is not None),
-            "from_s": options.from_s,
-            "to_s": options.to_s,
-        }
-        return write_summary(folder, reader, inputs, options.settings, tally, wall_s, more)
+    try:
+        with open_log(paths) as reader, new_result(out, force=options.force) as folder:
+            inputs = gather(reader, options.overrides)
+            _check_images(reader, inputs)
+            write_inputs(folder, inputs, options.settings)
+            log_sha256 = reader.sha256()
+            started = time.perf_counter()
+            run = _run(reader, inputs, folder, name, log_sha256, options)
+            tally = run.tally
+            wall_s = time.perf_counter() - started
+            if not tally.frames:
+                raise InputError(reader.path, f"expected images in {_span(options)}, found none")
+            given = vars(options.overrides).items()
+            more = {
+                "name": name,
+                "log_sha256": log_sha256,
+                "overrides": sorted(key for key, value in given if value is not None),
+                "from_s": options.from_s,
+                "to_s": options.to_s,
+            }
+            summary = write_summary(folder, reader, inputs, options.settings, tally, wall_s, more)
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise InputError(out, not_written_text(error)) from error
+    if run.rrd_problem is not None:
+        raise InputError(out / RRD, rrd_problem_text(run.rrd_problem))
+    return summary
 
 
 def _run(
@@ -81,7 +100,7 @@ def _run(
     name: str,
     log_sha256: str,
     options: ReplayOptions,
-) -> Tally:
+) -> ResultRun:
     settings = options.settings
     jobs = options.jobs or cores()
     run = ResultRun(
@@ -113,7 +132,7 @@ def _run(
                 continue
             run.keep(item, run.localize(item))
             bar.update()
-    return run.tally
+    return run
 
 
 def _check_images(reader: LogReader, inputs: Inputs) -> None:

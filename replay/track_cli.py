@@ -172,6 +172,7 @@ def _say(tracked: Tracked, folder: Path, *, as_json: bool) -> None:
     from recorder.record_text import summary_text as record_text
     from replay.live.track_text import latency_text
     from replay.report import summary_text, warnings
+    from replay.result_run import RRD, rrd_problem_text
 
     recorded, summary = tracked.recorded, tracked.summary
     if not as_json:
@@ -186,8 +187,11 @@ def _say(tracked: Tracked, folder: Path, *, as_json: bool) -> None:
         click.echo(ending, err=True)
     if tracked.problem is not None:
         click.echo(f"Error: tracking failed: {tracked.problem}", err=True)
+    if tracked.rrd_problem is not None:
+        click.echo(f"Error: {folder / RRD}: {rrd_problem_text(tracked.rrd_problem)}", err=True)
     if summary is None and recorded.frames_written:
         click.echo(f"No result; `arucolog replay {recorded.path}` makes it.", err=True)
-    if recorded.ended != "complete" or tracked.problem is not None:
-        interrupted = recorded.ended == "interrupted" and tracked.problem is None
+    failed = tracked.problem is not None or tracked.rrd_problem is not None
+    if recorded.ended != "complete" or failed:
+        interrupted = recorded.ended == "interrupted" and not failed
         click.get_current_context().exit(130 if interrupted else 1)

@@ -18,20 +18,25 @@ def complete_rrd(rrd: Path, result_name: str, reader: LogReader, log_id: str) ->
     """Gives a file that was made while its log was what only the whole log tells.
 
     That is the log's identity, under which the viewer lays results over each other, and its events.
+
+    Raises:
+        NotWrittenError: there is no room for it; no file is left.
     """
     raw = rrd.with_suffix(".raw.rrd")
     rrd.rename(raw)
-    file = RecordingFile(rrd, log_id, reader.path.stem)
     try:
-        file.copy(RrdReader(raw).stream())
-        _log_events(file, reader)
-        layout = read_layout(ResultRecording(raw, result_name, result_name))
-        file.stream.send_blueprint(results_layout([layout]))
-    except BaseException:
-        file.discard()
-        raise
-    file.close()
-    raw.unlink()
+        file = RecordingFile(rrd, log_id, reader.path.stem)
+        try:
+            file.copy(RrdReader(raw).stream())
+            _log_events(file, reader)
+            layout = read_layout(ResultRecording(raw, result_name, result_name))
+            file.stream.send_blueprint(results_layout([layout]))
+        except BaseException:
+            file.discard()
+            raise
+        file.close()
+    finally:
+        raw.unlink()
 
 
 def _log_events(file: RecordingFile, reader: LogReader) -> None:

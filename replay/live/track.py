@@ -22,8 +22,9 @@ from replay.live.latency import Latency
 from replay.live.rrd import complete_rrd
 from replay.live.tracking import LiveTracking, Situation
 from replay.result import new_result
-from replay.result_run import RRD, check_models, write_inputs, write_summary
+from replay.result_run import RRD, check_models, not_written_text, write_inputs, write_summary
 from replay.stages import cores
+from replay.viewer.output import NotWrittenError
 
 
 @dataclass(frozen=True)
@@ -63,11 +64,13 @@ class Tracked:
         summary: of the result; None where there is none: the log was not ended well, or tracking
             failed.
         problem: why tracking failed, while the recording went on.
+        rrd_problem: why the result, though its tables are complete, has no Rerun file.
     """
 
     recorded: RecordSummary
     summary: dict[str, Any] | None
     problem: str | None = None
+    rrd_problem: str | None = None
 
 
 class _NoResultError(Exception):
@@ -147,20 +150,25 @@ def track(
                     on_written=tracking.submit,
                 )
             wall_s = time.perf_counter() - started
-            if isinstance(tracking.error, OSError | InputError):
+            if isinstance(tracking.error, OSError):
+                raise _NoResultError(recorded, f"{folder}: {not_written_text(tracking.error)}")
+            if isinstance(tracking.error, InputError):
                 raise _NoResultError(recorded, str(tracking.error))
             if tracking.error is not None:
                 raise tracking.error
             if not recorded.frames_written or recorded.ended in ("disk_full", "failed"):
                 raise _NoResultError(recorded)
             clock = source.describe().get("clock", "") if live else ""
-            with uninterrupted():
-                summary = _finish(
-                    temporary, log, inputs, name, options, tracking, recorded, clock, wall_s
-                )
+            try:
+                with uninterrupted():
+                    summary = _finish(
+                        temporary, log, inputs, name, options, tracking, recorded, clock, wall_s
+                    )
+            except OSError as error:
+                raise _NoResultError(recorded, f"{folder}: {not_written_text(error)}") from error
     except _NoResultError as none:
         return Tracked(none.recorded, None, none.problem)
-    return Tracked(recorded, summary)
+    return Tracked(recorded, summary, rrd_problem=tracking.rrd_problem)
 
 
 def _finish(
@@ -177,8 +185,11 @@ def _finish(
     write_inputs(folder, inputs, options.settings)
     with open_log([log]) as reader:
         log_sha256 = reader.sha256()
-        if options.rrd:
-            complete_rrd(folder / RRD, name, reader, log_sha256)
+        if options.rrd and tracking.rrd_problem is None:
+            try:
+                complete_rrd(folder / RRD, name, reader, log_sha256)
+            except NotWrittenError as error:
+                tracking.rrd_problem = error.reason
         tally = tracking.tally
         if tally.frames != reader.image_count():
             raise InputError(

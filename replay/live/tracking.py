@@ -56,6 +56,7 @@ class LiveTracking:
         latencies: from `since` to the track.
         situation: after the last frame.
         error: what stopped it.
+        rrd_problem: why there is no Rerun file, where there was to be one.
     """
 
     def __init__(
@@ -90,6 +91,7 @@ class LiveTracking:
         self.situation = Situation("no frame yet")
         self.tally = Tally()
         self.error: BaseException | None = None
+        self.rrd_problem: str | None = None
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
@@ -155,6 +157,7 @@ class LiveTracking:
                 while item is not None:
                     self._track(run, item)
                     item = self._waiting.get()
+            self.rrd_problem = run.rrd_problem
         except BaseException as error:
             self.error = error
             self.situation = Situation("tracking failed")

@@ -12,6 +12,7 @@ from pathlib import Path
 from recorder.errors import InputError
 from recorder.log.reader import LogReader
 from replay.result import Result, open_result
+from replay.viewer.output import NotWrittenError
 from replay.viewer.overlay import ResultRecording, overlay
 from replay.viewer.program import has_display, viewer_program
 from replay.viewer.raw import convert
@@ -37,7 +38,7 @@ def view(
 
     Raises:
         InputError: a path is neither, results are of different logs or have no recording, `save`
-            exists or would have to hold several logs, or there is no screen.
+            exists, cannot be written or would have to hold several logs, or there is no screen.
     """
     if save is not None and save.exists():
         given = [path / REPLAY_RRD if path.is_dir() else path for path in paths]
@@ -51,9 +52,14 @@ def view(
         )
     target = None if save is None else save.resolve().parent
     with tempfile.TemporaryDirectory(prefix=".view-", dir=target) as folder:
-        recordings = prepare(paths, Path(folder), warn)
+        try:
+            recordings = prepare(paths, Path(folder), warn)
+        except NotWrittenError as error:
+            raise InputError(
+                save or folder, f"the recording could not be written: {error.reason}"
+            ) from error
         if save is not None:
-            _save(recordings, save)
+            _save(recordings, save, Path(folder))
         elif spawn:
             _show(recordings)
 
@@ -109,15 +115,21 @@ def _different_logs(path: Path, first: Result) -> InputError:
     )
 
 
-def _save(recordings: Sequence[Path], save: Path) -> None:
+def _save(recordings: Sequence[Path], save: Path, temporary: Path) -> None:
     if len(recordings) > 1:
         raise InputError(save, f"expected one log with --save, found {len(recordings)}")
-    part = save.with_name(f"{save.name}.part")
-    try:
-        shutil.copyfile(recordings[0], part)
-        os.replace(part, save)
-    finally:
-        part.unlink(missing_ok=True)
+    (recording,) = recordings
+    if recording.parent == temporary:
+        os.replace(recording, save)
+        return
+    part = temporary / save.name
+    with recording.open("rb") as source:
+        try:
+            with part.open("wb") as copy:
+                shutil.copyfileobj(source, copy, 1 << 20)
+            os.replace(part, save)
+        except OSError as error:
+            raise InputError(save, f"could not be written: {error.strerror or error}") from error
 
 
 def _show(recordings: Sequence[Path]) -> None:
