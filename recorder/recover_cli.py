@@ -22,8 +22,8 @@ Example:
 def recover(log: Path, output: Path, force: bool, as_json: bool) -> None:
     """Save what can be read of a log that was cut short (a power loss, a kill) or is damaged.
 
-    The new log is whole: it has its index, and counts of what is in it, as far as that shows without
-    decoding images (verify does). LOG itself stays as it is.
+    The new log is whole: it has its index, and counts of what is in it, as far as that shows
+    without decoding images (verify does). LOG itself stays as it is.
     """
     import json
 
