@@ -343,19 +343,6 @@ def test_what_is_no_stream_is_said(status: int, kind: str, words: str) -> None:
         http_camera(url)
 
 
-def test_a_login_that_is_not_known_is_named() -> None:
-    with (
-        web_server(401, "text/html", b"", "Digest") as url,
-        pytest.raises(InputError, match=r"expected a server with Basic login, found .* Digest"),
-    ):
-        http_camera(url)
-    with (
-        web_server(401, "text/html", b"", "Digest", "Basic") as url,
-        pytest.raises(InputError, match=r"USER:PASSWORD@HOST/… \(Basic login\)"),
-    ):
-        http_camera(url)
-
-
 @pytest.mark.parametrize("stamp_ns", [None, 0, -5 * 10**9])
 def test_a_stamp_that_is_none_is_the_arrival(stamp_ns: int | None) -> None:
     class Stamped:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import http.client
 import re
 import socket
@@ -12,10 +11,11 @@ from collections.abc import Mapping
 from contextlib import suppress
 from decimal import Decimal, InvalidOperation
 from email.message import Message
-from urllib.parse import SplitResult, quote, unquote, urlsplit
+from urllib.parse import SplitResult, quote, urlsplit
 
 from recorder.errors import InputError
 from recorder.sources.live import clock
+from recorder.sources.live.http_login import authorization
 from recorder.sources.live.multipart import CutError, Part, parts
 from recorder.sources.live.stream import SILENCE_S, ConnectionLost, LiveCamera, Received
 
@@ -106,12 +106,27 @@ class HttpConnection:
         return connection
 
     def _answered(self) -> http.client.HTTPResponse:
-        path = self._address.path or "/"
-        path += f"?{self._address.query}" if self._address.query else ""
-        path = quote(path, safe=string.punctuation)
-        headers = {"User-Agent": "arucolog", **_authorization(self._address)}
+        """The answer, after a login where the server asks for one."""
+        target = self._address.path or "/"
+        target += f"?{self._address.query}" if self._address.query else ""
+        target = quote(target, safe=string.punctuation)
+        response = self._asked(target, {})
+        if response.status != 401:
+            return response
+        with response:
+            login = authorization(self._address, target, response, self._spec)
+        self._connection.close()
+        self._connection = self._connected()
+        self._socket = self._connection.sock
+        response = self._asked(target, {"Authorization": login})
+        if response.status == 401:
+            response.close()
+            raise InputError(self._spec, "expected user and password, found 401: not let in")
+        return response
+
+    def _asked(self, target: str, login: Mapping[str, str]) -> http.client.HTTPResponse:
         try:
-            self._connection.request("GET", path, headers=headers)
+            self._connection.request("GET", target, headers={"User-Agent": "arucolog", **login})
             return self._connection.getresponse()
         except (OSError, http.client.HTTPException) as error:
             raise InputError(
@@ -120,15 +135,6 @@ class HttpConnection:
 
     def _boundary(self, response: http.client.HTTPResponse) -> str:
         """What is between the parts of a response; everything that is no stream is refused."""
-        if response.status == 401:
-            offered = [h.split(" ")[0] for h in response.headers.get_all("WWW-Authenticate", [])]
-            if offered and "basic" not in map(str.lower, offered):
-                found = f"one that wants {' or '.join(offered)}"
-                raise InputError(self._spec, f"expected a server with Basic login, found {found}")
-            raise InputError(
-                self._spec,
-                "expected to be let in, found 401: give http://USER:PASSWORD@HOST/… (Basic login)",
-            )
         if location := response.headers.get("Location"):
             raise InputError(self._spec, f"expected a stream, found a redirect to {location}")
         if response.status != 200:
@@ -182,13 +188,6 @@ def _split(url: str, spec: str) -> SplitResult:
     except ValueError:
         pass
     raise InputError(spec, "expected a URL such as http://HOST:PORT/PATH, found another one")
-
-
-def _authorization(address: SplitResult) -> dict[str, str]:
-    if address.username is None:
-        return {}
-    pair = f"{unquote(address.username)}:{unquote(address.password or '')}"
-    return {"Authorization": f"Basic {base64.b64encode(pair.encode()).decode()}"}
 
 
 def _content_type(headers: Message) -> str:
