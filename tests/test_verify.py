@@ -54,10 +54,12 @@ def log_of(
     live: bool = False,
     said: dict[str, str] | None = None,
     ended: str = "complete",
+    source: dict[str, str] | None = None,
 ) -> Path:
     """Images that can be decoded, at 10 frames/s."""
     given = attachments() if files is None else files
-    session = {"live": "yes"} if live else {}
+    session = {f"source.{key}": value for key, value in (source or {}).items()}
+    session |= {"live": "yes"} if live else {}
     with LogWriter(path, attachments=given, session=session, live=live) as writer:
         for i in range(count):
             item = change(i, replace(frame(i), data=png()))

@@ -283,6 +283,27 @@ def test_stamps_that_stand_still(tmp_path: Path, still: int, level: str) -> None
     assert (found.level, found.text) == (level, text)
 
 
+@pytest.mark.parametrize(
+    ("kind", "rate", "said"),
+    [
+        ("v4l2", "20", "the camera was set to 20"),
+        ("v4l2", "11", None),
+        ("v4l2", "30000/1001", "the camera was set to 29.97"),
+        ("v4l2", "0/0", None),
+        ("rtsp", "25", None),
+    ],
+)
+def test_a_camera_slower_than_it_was_set_to(
+    tmp_path: Path, kind: str, rate: str, said: str | None
+) -> None:
+    """10 frames/s: as regular as any where every second frame of a camera is lost."""
+    path = log_of(tmp_path / "log.mcap", source={"kind": kind, "rate_hz": rate})
+    if said is None:
+        assert rule(verify([path]), "rate").level == "ok"
+    else:
+        assert_only(path, "rate", "warning", said)
+
+
 def test_few_frames_have_no_usual_rate(tmp_path: Path) -> None:
     verdict = verify([log_at(tmp_path / "log.mcap", np.array([0.0, 0.1, 0.2, 3.0, 9.0]))])
     assert rule(verdict, "rate").text == "too few frames to tell"

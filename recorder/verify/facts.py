@@ -6,8 +6,9 @@ from array import array
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 
@@ -97,6 +98,16 @@ class Facts:
     def image_size(self) -> tuple[int, int] | None:
         """Width and height of most images; None where no header could be read."""
         return self.sizes.most_common(1)[0][0] if self.sizes else None
+
+    @property
+    def camera_rate_hz(self) -> float | None:
+        """What a camera under /dev was set to. The rates of network cameras are often made up."""
+        session = self.log.metadata.get(topics.SESSION, {})
+        if session.get("source.kind") != "v4l2":
+            return None
+        with suppress(KeyError, ValueError, ZeroDivisionError):
+            return float(Fraction(session["source.rate_hz"])) or None
+        return None
 
     @property
     def unseen(self) -> NDArray[np.int64]:

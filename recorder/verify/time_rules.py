@@ -11,6 +11,8 @@ from recorder.verify.verdict import Verdict, failed, ok, warning
 
 # A pause is as long as so many intervals.
 _PAUSE = 5.0
+# Less of the rate that a camera was set to.
+_SLOWER = 0.9
 _CLOCKS_S = 1.0
 # A capture cannot be later than its arrival, but for what two readings of clocks differ by.
 _AHEAD_S = 0.005
@@ -93,6 +95,9 @@ def rate(facts: Facts) -> Verdict:
     if changed > IRREGULAR_NOTED_PERCENT:
         other_hz = 1e9 / float(np.median(pace.expected_ns[pace.changed]))
         unusual.append(f"{other_hz:.2f} for {changed:.3g} % of the time")
+    set_hz = facts.camera_rate_hz
+    if set_hz and hz < _SLOWER * set_hz:
+        unusual.append(f"the camera was set to {set_hz:.4g}: dark for its exposure, or frames lost")
     if unusual:
         return warning("rate", f"{text}but {'; '.join(unusual)}", **values)
     return ok("rate", text + irregular, **values)
