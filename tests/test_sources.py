@@ -122,6 +122,10 @@ def test_other_images_become_png_without_loss(
 def test_images_that_do_not_fit_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"expected images .* found none"):
         ImagesSource(tmp_path)
+    for name in ("drive.bag", "notes.txt", "x.md", "y.md"):
+        (tmp_path / name).touch()
+    with pytest.raises(InputError, match=r"found drive\.bag, notes\.txt, x\.md and 1 more"):
+        ImagesSource(tmp_path)
     (tmp_path / "a.png").write_bytes(encoded(".png"))
     (tmp_path / "b.png").write_bytes(encoded(".png", GRAY[:40]))
     with pytest.raises(InputError, match=r"b\.png: expected the size of a\.png, 64x48.*64x40"):
@@ -134,6 +138,14 @@ def test_images_that_do_not_fit_are_named(tmp_path: Path) -> None:
     (tmp_path / "c.tif").write_bytes(encoded(".tif", GRAY.astype(np.float32)))
     with pytest.raises(InputError, match=r"c\.tif: expected 8 or 16 bits a pixel, found float32"):
         ImagesSource(tmp_path)
+
+
+def test_a_rate_that_nobody_gave_is_told(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(encoded(".png"))
+    assert ImagesSource(tmp_path).preparation() is None
+    (tmp_path / "b.png").write_bytes(encoded(".png"))
+    assert "one a second (--fps" in (ImagesSource(tmp_path).preparation() or "")
+    assert ImagesSource(tmp_path, fps=Fraction(1)).preparation() is None
 
 
 def test_one_bad_image_does_not_refuse_a_folder(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ IMAGE_SUFFIXES = ENCODED.union(PASSED_THROUGH)
 
 # Enough for nearly every header; a JPEG may have a large preview before it.
 _HEAD_BYTES = 64 << 10
+_SHOWN = 3
 
 
 class ImagesSource:
@@ -31,8 +32,12 @@ class ImagesSource:
     become PNG, losslessly, and one that cannot be decoded is a lost frame.
     """
 
-    def __init__(self, path: Path, *, fps: Fraction = Fraction(1), start_ns: int = 0) -> None:
+    def __init__(self, path: Path, *, fps: Fraction | None = None, start_ns: int = 0) -> None:
         """Looks at the size of every image.
+
+        Args:
+            fps: images a second; one where nothing is said.
+            start_ns: capture time of the first.
 
         Raises:
             InputError: no images, none that can be read, or two of different sizes.
@@ -44,10 +49,11 @@ class ImagesSource:
             self._files = [path]
         if not self._files:
             suffixes = ", ".join(sorted(IMAGE_SUFFIXES))
-            raise InputError(path, f"expected images ({suffixes}), found none")
+            raise InputError(path, f"expected images ({suffixes}), found {_others(path)}")
         self.name = path.resolve().name if path.is_dir() else path.stem
         self._path = path
-        self._fps = fps
+        self._fps = Fraction(1) if fps is None else fps
+        self._assumed = fps is None and len(self._files) > 1
         self._start_ns = start_ns
         first, self._image_size, unreadable = _common_size(self._files)
         if first is None:
@@ -81,7 +87,7 @@ class ImagesSource:
         return len(self._files) - self._lost
 
     def preparation(self) -> str | None:
-        return None
+        return "images are taken as one a second (--fps changes it)" if self._assumed else None
 
     def frames(self) -> Iterator[CapturedFrame | SourceEvent]:
         for i, file in enumerate(self._files):
@@ -102,6 +108,13 @@ class ImagesSource:
             else:
                 text = f"frame {i} is lost: {file.name} is not a readable image"
                 yield SourceEvent(timestamp_ns, "warning", text, dropped=1)
+
+
+def _others(folder: Path) -> str:
+    """What is in a folder without images."""
+    names = sorted(p.name for p in folder.iterdir() if p.name[0] != ".")
+    shown = ", ".join(names[:_SHOWN])
+    return shown + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "") or "none"
 
 
 def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:

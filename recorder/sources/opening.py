@@ -132,7 +132,7 @@ def _images(path: Path, options: SourceOptions) -> Source:
     from recorder.sources.images import ImagesSource
 
     _only(path, "images", options, "fps", "start")
-    return ImagesSource(path, fps=options.fps or Fraction(1), start_ns=options.start_ns or 0)
+    return ImagesSource(path, fps=options.fps, start_ns=options.start_ns or 0)
 
 
 def _scene(path: Path, options: SourceOptions) -> Source:
