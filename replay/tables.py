@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -102,7 +103,9 @@ class _Table:
 
     def __init__(self, path: Path, schema: pa.Schema) -> None:
         self._schema = schema
-        self._writer = pq.ParquetWriter(path, schema, compression="zstd")
+        # Arrow does not close a file of its own that it cannot write to.
+        self._file = path.open("wb")
+        self._writer = pq.ParquetWriter(self._file, schema, compression="zstd")
         self._rows: list[tuple[Any, ...]] = []
 
     def add(self, row: tuple[Any, ...]) -> None:
@@ -119,8 +122,11 @@ class _Table:
             self._rows.clear()
 
     def close(self) -> None:
-        self.flush()
-        self._writer.close()
+        with self._file:
+            try:
+                self.flush()
+            finally:
+                self._writer.close()
 
 
 class TableWriter:
@@ -198,5 +204,6 @@ class TableWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        for table in self._tables.values():
-            table.close()
+        with ExitStack() as stack:
+            for table in self._tables.values():
+                stack.callback(table.close)

@@ -138,7 +138,7 @@ def test_a_live_recording_stops_when_little_is_left(
 
     def usage(folder: Path) -> SimpleNamespace:
         taken = path.stat().st_size if path.exists() else 0
-        return SimpleNamespace(free=12_000_000 - taken)
+        return SimpleNamespace(total=20_000_000, free=12_000_000 - taken)
 
     monkeypatch.setattr("recorder.capture.disk.shutil.disk_usage", usage)
     source = LiveScript(now_frames(size=50_000), rate_hz=60)
@@ -150,6 +150,17 @@ def test_a_live_recording_stops_when_little_is_left(
     assert 2_000_000 < path.stat().st_size < 8_000_000
     with pytest.raises(InputError, match=r"expected more than 12\.0 MB of free disk space"):
         record(source, tmp_path / "next.mcap", min_free_bytes=12_000_000)
+
+
+def test_a_disk_that_does_not_tell_its_size_is_not_low(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    silent = SimpleNamespace(total=0, free=0)
+    monkeypatch.setattr("recorder.capture.disk.shutil.disk_usage", lambda folder: silent)
+    summary = record(
+        LiveScript(now_frames(size=5_000), rate_hz=60), tmp_path / "log.mcap", duration_s=0.2
+    )
+    assert summary.ended == "complete"
 
 
 def test_a_recording_whose_source_has_ended_is_complete_on_a_low_disk(

@@ -82,6 +82,11 @@ def camera(*challenges: str) -> Iterator[tuple[str, list[str]]]:
         ([OLD_DIGEST], "Digest"),
         ([BASIC, DIGEST], "Digest"),
         ([DIGEST, BASIC], "Digest"),
+        ([f"{BASIC}, {DIGEST}"], "Digest"),
+        ([f"{DIGEST}, {BASIC}"], "Digest"),
+        ([f"{DIGEST}, algorithm=MD5", f"{DIGEST}, algorithm=SHA-256"], "Digest"),
+        ([f"{DIGEST}, algorithm=SHA-256", f"Negotiate, {OLD_DIGEST}"], "Digest"),
+        ([], "Basic"),
     ],
 )
 def test_a_camera_is_logged_in_to_as_it_asks(challenges: list[str], scheme: str) -> None:
@@ -101,6 +106,7 @@ def test_a_camera_is_logged_in_to_as_it_asks(challenges: list[str], scheme: str)
         ([BASIC], "me:other@", "expected user and password, found 401: not let in"),
         (["Negotiate"], "me:other@", "expected a Digest or Basic login, found one by Negotiate"),
         ([DIGEST + ", algorithm=SHA-512-256"], "me:x@", "expected a Digest login by MD5, found"),
+        ([f"{BASIC}, {DIGEST}, algorithm=SHA-256"], "me:x@", "expected a Digest login by MD5"),
         (["Digest"], "me:x@", "expected a Digest login with realm and nonce, found none"),
         (["Digest realm"], "me:x@", "expected a Digest login by MD5, found"),
     ],
@@ -109,3 +115,10 @@ def test_who_is_not_let_in_is_told_why(challenges: list[str], user: str, words: 
     with camera(*challenges) as (place, _), pytest.raises(InputError, match=words) as error:
         http_camera(f"http://{user}{place}")
     assert "other" not in str(error.value)
+
+
+def test_a_password_does_not_go_where_it_is_not_asked_for() -> None:
+    sha = f"{BASIC}, {DIGEST}, algorithm=SHA-256"
+    with camera(sha) as (place, logins), pytest.raises(InputError):
+        http_camera(f"http://{IN_URL}@{place}")
+    assert logins == [""]

@@ -10,14 +10,17 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
+from typing import BinaryIO
 
 import pandas as pd
 import pytest
 
 from recorder.errors import InputError
 from recorder.log.reader import LogReader
+from recorder.sources.base import CapturedFrame
 from recorder.verify.run import verify
 from replay.live.rrd import complete_rrd
 from replay.live.track import TrackOptions, track
@@ -62,7 +65,7 @@ def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def space(fd: int) -> SimpleNamespace:
         left = output._RESERVE_BYTES + (1 << 20) + 100_000 - os.fstat(fd).st_size
-        return SimpleNamespace(f_bavail=max(left, 0), f_frsize=1)
+        return SimpleNamespace(f_blocks=1 << 30, f_bavail=max(left, 0), f_frsize=1)
 
     monkeypatch.setattr(os, "fstatvfs", space)
 
@@ -215,6 +218,27 @@ def test_tables_that_have_no_room_leave_the_log(
     assert [p.name for p in tmp_path.iterdir()] == ["log.mcap"]
 
 
+def test_a_disk_that_is_full_when_the_tables_are_closed_leaves_the_log(
+    small_disk: Path, tmp_path: Path
+) -> None:
+    """Tables of a short recording are written only then."""
+
+    def fill(frame: CapturedFrame, _: object) -> None:
+        if frame.frame_index == 5:
+            with suppress(OSError), (small_disk / "rest").open("wb", buffering=0) as file:
+                while True:
+                    file.write(bytes(4096))
+
+    log, folder = tmp_path / "log.mcap", small_disk / "live"
+    options = TrackOptions(jobs=2, rrd=False)
+    done = track(Camera(40, rate_hz=60), log, folder, "live", options, on_result=fill)
+    assert (done.recorded.ended, done.summary) == ("complete", None)
+    assert (done.problem or "").startswith(f"{folder}: could not be written: ")
+    with LogReader(log) as reader:
+        assert len(images(reader)) + done.recorded.counts.dropped == 40
+    assert {p.name for p in small_disk.iterdir()} == {"fill", "rest"}
+
+
 def test_a_slow_disk_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write = output._Writer._write
 
@@ -231,6 +255,43 @@ def test_a_slow_disk_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     file.close()
     assert len(rows(tmp_path / "a.rrd", style.IMAGE, "EncodedImage:blob")) == 60
     assert [p.name for p in tmp_path.iterdir()] == ["a.rrd"]
+
+
+class PulledOut:
+    """A file on a stick that is gone."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.fileno, self.close = file.fileno, file.close
+
+    def write(self, _: bytes) -> int:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    def truncate(self, _: int) -> int:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+
+def test_a_disk_that_is_gone_is_named(tmp_path: Path) -> None:
+    file = RecordingFile(tmp_path / "a.rrd", "id", "a")
+    file._writer._file = PulledOut(file._writer._file)  # type: ignore[assignment]
+    for i in range(60):
+        scene.set_time(file.stream, i, i)
+        scene.log_image(file.stream, os.urandom(1 << 18), "jpeg")
+    with pytest.raises(NotWrittenError) as raised:
+        file.close()
+    assert raised.value.reason == os.strerror(errno.EIO)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_does_not_tell_its_size_is_not_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    silent = SimpleNamespace(f_blocks=0, f_bavail=0, f_frsize=0)
+    monkeypatch.setattr(os, "fstatvfs", lambda fd: silent)
+    file = RecordingFile(tmp_path / "a.rrd", "id", "a")
+    scene.set_time(file.stream, 0, 0)
+    scene.log_image(file.stream, os.urandom(1 << 18), "jpeg")
+    file.close()
+    assert len(rows(tmp_path / "a.rrd", style.IMAGE, "EncodedImage:blob")) == 1
 
 
 def test_ctrl_c_does_not_wait_for_a_slow_disk(

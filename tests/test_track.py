@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -287,6 +288,25 @@ def test_a_recording_goes_on_when_tracking_fails(tmp_path: Path) -> None:
     assert states[-1].situation.status == "tracking failed"
     rules = {verdict.rule: verdict.level for verdict in verify([tmp_path / "log.mcap"]).rules}
     assert rules["end"] == rules["counts"] == "ok"
+
+
+def test_a_recording_goes_on_when_no_thread_can_be_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submit, taken = DetectorPool.submit, itertools.count()
+
+    def fail(self: DetectorPool, data: bytes) -> Any:
+        if next(taken) == 10:
+            raise RuntimeError("can't start new thread")
+        return submit(self, data)
+
+    monkeypatch.setattr(DetectorPool, "submit", fail)
+    with pytest.raises(RuntimeError, match="can't start new thread"):
+        tracked(Camera(60, rate_hz=60), tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["log.mcap"]
+    with LogReader(tmp_path / "log.mcap") as log:
+        assert images(log)[-1].frame_index == 59
+        assert log.metadata["session_end"]["ended"] == "complete"
 
 
 @pytest.mark.usefixtures("full_at_frame_5")

@@ -54,10 +54,12 @@ class DiskGuard:
             return False
         self._looked_at, self._looked_bytes = now, written_bytes
         try:
-            self.free_bytes = shutil.disk_usage(self._folder).free
+            disk = shutil.disk_usage(self._folder)
         except OSError:
             return False  # the folder is gone: writing will say so
-        return self.free_bytes < self._min_free_bytes
+        self.free_bytes = disk.free
+        # Some file systems do not tell their size.
+        return disk.total > 0 and disk.free < self._min_free_bytes
 
 
 class SyncThread(threading.Thread):

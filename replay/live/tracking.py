@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -124,7 +125,10 @@ class LiveTracking:
         data = cv2.imencode(".jpg", blank)[1].tobytes()
         detections = self._pool.submit(data).result()
         item = DetectedImage(LogImage(0, 0, 0, data, "jpeg"), None, detections)
-        with TemporaryDirectory() as folder, self._result_run(Path(folder), 0) as run:
+        with (
+            TemporaryDirectory(dir=self._folder) as folder,
+            self._result_run(Path(folder), 0) as run,
+        ):
             run.keep(item, run.localize(item))
 
     def _result_run(self, folder: Path, start_ns: int) -> ResultRun:
@@ -143,28 +147,40 @@ class LiveTracking:
         if self.error is not None:
             return
         since_ns = frame.timestamp_ns if self._from_capture else time.time_ns()
-        self._waiting.put(_OnItsWay(frame, self._pool.submit(frame.data), since_ns))
+        try:
+            detections = self._pool.submit(frame.data)
+        except Exception as error:
+            # It is called by who writes the log, and must not end that.
+            self._fail(error)
+        else:
+            self._waiting.put(_OnItsWay(frame, detections, since_ns))
 
     def _run(self) -> None:
+        # It knows its end: after the last one it does not wait for another.
+        items: Iterator[_OnItsWay] = iter(self._waiting.get, None)
         try:
-            first = self._waiting.get()
-            if first is None:
-                return
-            run = self._result_run(self._folder, first.frame.timestamp_ns)
-            self.tally = run.tally
-            with run:
-                item: _OnItsWay | None = first
-                while item is not None:
-                    self._track(run, item)
-                    item = self._waiting.get()
-            self.rrd_problem = run.rrd_problem
+            self._track_all(items)
         except BaseException as error:
-            self.error = error
-            self.situation = Situation("tracking failed")
-            # Whoever waits for a place is not to wait for ever.
-            self._admission.close(str(error) or type(error).__name__)
-            while self._waiting.get() is not None:
+            self._fail(error)
+            for _ in items:
                 pass
+
+    def _fail(self, error: BaseException) -> None:
+        self.error = self.error or error
+        self.situation = Situation("tracking failed")
+        # Whoever waits for a place is not to wait for ever.
+        self._admission.close(str(error) or type(error).__name__)
+
+    def _track_all(self, items: Iterator[_OnItsWay]) -> None:
+        first = next(items, None)
+        if first is None:
+            return
+        run = self._result_run(self._folder, first.frame.timestamp_ns)
+        self.tally = run.tally
+        with run:
+            for item in itertools.chain([first], items):
+                self._track(run, item)
+        self.rrd_problem = run.rrd_problem
 
     def _track(self, run: ResultRun, item: _OnItsWay) -> None:
         frame = item.frame

@@ -159,23 +159,30 @@ class _Writer(threading.Thread):
 
     def run(self) -> None:
         try:
-            with self._file:
-                while data := os.read(self._source, _PIPE_BYTES):
-                    if self._given_up:
-                        continue
-                    try:
-                        self._write(data)
-                    except OSError as error:
-                        self.error = error
-                        self._given_up = True
-                        # Whoever else writes to this disk has use for the space now.
-                        self._file.truncate(0)
+            while data := os.read(self._source, _PIPE_BYTES):
+                if self._given_up:
+                    continue
+                try:
+                    self._write(data)
+                except OSError as error:
+                    self._fail(error)
+            self._file.close()
+        except OSError as error:
+            self._fail(error)
         finally:
             os.close(self._source)
 
+    def _fail(self, error: OSError) -> None:
+        self.error = self.error or error
+        self._given_up = True
+        # Whoever else writes to this disk has use for the space now.
+        with suppress(OSError, ValueError):
+            self._file.truncate(0)
+
     def _write(self, data: bytes) -> None:
         disk = os.fstatvfs(self._file.fileno())
-        if disk.f_bavail * disk.f_frsize < len(data) + _RESERVE_BYTES:
+        # Some file systems do not tell.
+        if disk.f_blocks and disk.f_bavail * disk.f_frsize < len(data) + _RESERVE_BYTES:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         view = memoryview(data)
         while view:
