@@ -10,10 +10,12 @@ from recorder.attachments import check_image_size, merge_attachments
 from recorder.errors import InputError
 from recorder.image_header import read_header
 from recorder.log import topics
-from recorder.log.counts import said_counts
 from recorder.log.reader import LogReader
 from recorder.log.records import LogImage
 from recorder.log.writer import DiskFullError, LogWriter
+
+# Of the last record, what the copy itself tells.
+_MADE_ANEW = {"ended", "frames_written", "events"}
 
 
 def attach(log: Path, out: Path, given: Mapping[str, bytes], *, force: bool = False) -> None:
@@ -50,10 +52,8 @@ def attach(log: Path, out: Path, given: Mapping[str, bytes], *, force: bool = Fa
                             writer.copy(schema, channel, message)
                     # Only now: a log without its index has them at its end.
                     end = reader.metadata.get(topics.SESSION_END, {})
-                    counts = {name: str(n) for name, n in said_counts(end).items()}
-                    for counted_here in ("frames_written", "events"):
-                        counts.pop(counted_here, None)
-                    writer.end_as(reader.ending, **counts)
+                    kept = {key: said for key, said in end.items() if key not in _MADE_ANEW}
+                    writer.end_as(reader.ending, **kept)
                 except BaseException:
                     writer.discard()
                     raise

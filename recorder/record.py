@@ -21,6 +21,7 @@ from recorder.errors import InputError
 from recorder.interrupts import stop_requests
 from recorder.log import ending, topics
 from recorder.log.counts import FrameCounts
+from recorder.log.target import DisplacedError
 from recorder.log.writer import LogWriter
 from recorder.session import session_metadata
 from recorder.sources.base import CapturedFrame, LiveSource, Source
@@ -156,6 +157,8 @@ def record(
             else:
                 writer.end_as(ended, **more)
                 writer.close()
+        except DisplacedError as failure:
+            ended, problem = "failed", str(failure)
         except OSError as failure:
             ended, problem = "failed", _write_problem(writer, failure)
     return RecordSummary(

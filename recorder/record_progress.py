@@ -15,11 +15,11 @@ from tqdm import tqdm
 
 # Without a terminal: how often to say that all is well.
 _ALIVE_S = 60.0
-# What is said of one frame is said again only after this time; it is counted, and in the log.
+# What differs in its numbers alone is said again only after this time; it is in the log, and what
+# is wrong with frames is counted.
 _AGAIN_S = 10.0
-_OF_A_FRAME = re.compile(
-    r"(\d+ more like this: )?((before )?frame \d+ |\d+ frames? (lost|dropped))"
-)
+# When a camera was gone is worth every line.
+_CONNECTION = re.compile(r"connection lost|no connection|connected again")
 _NUMBERS = re.compile(r"\d+(\.\d+)?")
 
 
@@ -49,7 +49,7 @@ class RecordProgress:
         self._bar.refresh()
 
     def _tell(self, text: str) -> None:
-        if _OF_A_FRAME.match(text):
+        if not _CONNECTION.match(text):
             now, kind = time.monotonic(), _NUMBERS.sub("#", text)
             if now < self._told_at.get(kind, -math.inf) + _AGAIN_S:
                 return

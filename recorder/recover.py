@@ -10,10 +10,11 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.message import DecodeError
 
 from recorder.errors import InputError
+from recorder.image_header import image_fault, image_size
 from recorder.log import ending, topics
 from recorder.log.counts import FrameCounts
 from recorder.log.damage import Damage
-from recorder.log.frame_checks import FrameChecks, image_fault, image_size
+from recorder.log.frame_checks import FrameChecks
 from recorder.log.messages import from_image
 from recorder.log.reader import LogReader
 from recorder.log.writer import DiskFullError, LogWriter

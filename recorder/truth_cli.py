@@ -141,8 +141,7 @@ def check(
     import json
 
     from recorder.bench.check.run import check_text, check_truth
-    from recorder.bench.check.time_rules import LogTimes, log_frames_s
-    from recorder.bench.marks import log_marks
+    from recorder.bench.check.time_rules import log_times
     from recorder.errors import InputError
     from recorder.files.map_file import parse_map
     from recorder.files.yaml_file import read_bytes
@@ -154,7 +153,7 @@ def check(
     marker_map = None if map_path is None else parse_map(read_bytes(map_path), map_path)
     if logs:
         log = _one_log(logs)
-        times = LogTimes(log_frames_s(log), log_marks(log))
+        times = log_times(log)
         marker_map = marker_map or log.marker_map()
         if marker_map is None:
             raise InputError(logs[0], "expected a marker map, found none; give one with --map")
@@ -192,8 +191,7 @@ def marks(
     import json
     from dataclasses import asdict
 
-    from recorder.bench.check.time_rules import frame_findings, log_frames_s
-    from recorder.bench.marks import log_marks
+    from recorder.bench.check.time_rules import frame_findings, log_times
     from recorder.bench.timed_file import timed_truth
     from recorder.bench.timing import with_marks
     from recorder.errors import InputError
@@ -206,7 +204,8 @@ def marks(
     if output is not None:
         check_free(output, force=force)
     log = _one_log(logs)
-    found = log_marks(log)
+    times = log_times(log)
+    found = times.marks
     truth: Truth | None = None
     if truth_path is not None:
         truth = parse_truth(read_bytes(truth_path), truth_path)
@@ -215,7 +214,7 @@ def marks(
     problems: tuple[str, ...] = ()
     if truth is not None and truth.waypoints:
         truth, problems = with_marks(truth, found)
-        unseen = frame_findings(truth, log_frames_s(log))
+        unseen = frame_findings(truth, times.frames_s)
         problems = (*problems, *(finding.text for finding in unseen))
     elif output is not None:
         where = truth_path or logs[0]

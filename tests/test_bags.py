@@ -322,6 +322,13 @@ def test_bad_images_are_lost_frames(tmp_path: Path, ros: Ros) -> None:
         assert words in event.message
 
 
+def test_an_empty_jpeg_is_a_corrupt_frame_as_of_a_camera(tmp_path: Path, ros: Ros) -> None:
+    entries = jpeg_entries(ros)
+    entries[2] = (entries[2][0], ros.compressed(START_NS, b""))
+    summary = record(BagSource(ros.write(tmp_path, {JPEGS: entries})), tmp_path / "log.mcap")
+    assert (summary.frames_written, summary.counts.corrupt, summary.frames_dropped) == (6, 1, 0)
+
+
 def test_times_that_jump_back_and_times_that_are_missing(tmp_path: Path) -> None:
     ros = Ros("mcap")
     entries = jpeg_entries(ros)

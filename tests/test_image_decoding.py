@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from recorder.image_decoding import decode_gray, flaw
+from recorder.image_header import image_fault
 
 SAMPLINGS = {
     "4:2:0": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420,
@@ -68,7 +69,19 @@ def test_pixels_are_those_of_opencv(sampling: str, progressive: bool, restart: i
     assert flaw(data, "jpeg") is None
 
 
-@pytest.mark.parametrize("change", [without_tables, lambda d: d[:-2], lambda d: d + bytes(700)])
+@pytest.mark.parametrize(
+    "change",
+    [
+        without_tables,
+        lambda d: d + bytes(700),
+        # The rest of the buffer, also with what was in it before.
+        lambda d: d + bytes(100_000),
+        lambda d: d + d[5000:],
+        # Before the end marker, and behind it.
+        lambda d: d[:-2] + bytes(9) + END + bytes(5000),
+        lambda d: d[:2] + b"\xff" * 500 + d[2:],
+    ],
+)
 def test_habits_of_cameras_are_no_damage(change: Callable[[bytes], bytes]) -> None:
     data = jpeg()
     found = decode_gray(change(data))
@@ -111,6 +124,96 @@ def test_padding_in_the_header_is_no_damage() -> None:
         assert flaw(odd, "jpeg") is None
 
 
+@given(data=st.data(), progressive=st.booleans(), restart=st.sampled_from([0, 30]))
+@settings(max_examples=60, deadline=None)
+def test_pixels_behind_a_padded_header_are_those_of_opencv(
+    data: st.DataObject, progressive: bool, restart: int
+) -> None:
+    whole = jpeg(progressive=progressive, restart=restart)
+    padding = st.binary(max_size=16).map(lambda b: b.replace(b"\xff", b""))
+    odd, kept = b"", 0
+    for at in header_segments(whole):
+        odd += whole[kept:at] + data.draw(padding)
+        kept = at
+    odd += padded(whole[kept:], data.draw(padding.filter(lambda b: len(b) < 9)))
+    found = decode_gray(odd)
+    assert found is not None
+    np.testing.assert_array_equal(found, of_opencv(odd))
+    assert (image_fault(odd, "jpeg"), flaw(odd, "jpeg")) == (None, None)
+
+
+def test_nothing_is_printed_of_a_padded_header(capfd: pytest.CaptureFixture[str]) -> None:
+    """Thousands of lines in a replay, and through the status line while recording."""
+    whole = jpeg()
+    for at in header_segments(whole):
+        odd = whole[:at] + bytes(5) + whole[at:]
+        assert decode_gray(odd) is not None
+        assert flaw(odd, "jpeg") is None
+    assert capfd.readouterr().err == ""
+
+
+def with_thumbnail(data: bytes) -> bytes:
+    """As many cameras': another JPEG, with an end of its own, in the header."""
+    small = cv2.imencode(".jpg", np.full((16, 16), 80, np.uint8))[1].tobytes()
+    return data[:2] + b"\xff\xe1" + (len(small) + 2).to_bytes(2) + small + data[2:]
+
+
+def judged(data: bytes, format: str = "jpeg") -> bool:
+    """Whether it is whole, as recorder, `verify` and replay say together."""
+    outside, inside = image_fault(data, format), flaw(data, format)
+    assert outside in (None, inside)
+    assert (inside is None) == (decode_gray(data) is not None), (outside, inside)
+    return inside is None
+
+
+@pytest.mark.parametrize("rest", [b"", bytes(10), bytes(6000)])
+@pytest.mark.parametrize("format", ["jpeg", "png"])
+def test_an_image_cut_anywhere_is_cut_for_all(rest: bytes, format: str) -> None:
+    """A decoder fills up what is missing; also of one that lacks a single byte."""
+    pixels = of_opencv(jpeg())[:40, :56]
+    data = cv2.imencode(f".{format}", pixels)[1].tobytes()
+    data = with_thumbnail(data) if format == "jpeg" else data
+    assert judged(data, format)
+    assert judged(data + rest, format)
+    assert not any(judged(data[:end] + rest, format) for end in range(len(data)))
+
+
+DAMAGES: dict[str, Callable[[bytes, int, np.random.Generator], bytes]] = {
+    "cut": lambda d, at, rng: d[:at],
+    "cut in a buffer": lambda d, at, rng: d[:at] + bytes(int(rng.integers(10_000))),
+    "cut over what was there": lambda d, at, rng: d[:at] + d[at - 100 :],
+    "ended": lambda d, at, rng: d[:at] + END,
+    "without a piece": lambda d, at, rng: d[:at] + d[at + int(rng.integers(1, 600)) :],
+    "blank": lambda d, at, rng: d[:at] + bytes(64) + d[at + 64 :],
+    "more": lambda d, at, rng: d[:at] + rng.bytes(int(rng.integers(1, 40))) + d[at:],
+    "padded": lambda d, at, rng: d[:at] + bytes(int(rng.integers(1, 20))) + d[at:],
+    "filled": lambda d, at, rng: d[:at] + b"\xff" * int(rng.integers(1, 20)) + d[at:],
+    "twice": lambda d, at, rng: d[:at] + d,
+    "appended": lambda d, at, rng: d + d[:at],
+}
+
+
+@given(
+    damage=st.sampled_from(sorted(DAMAGES)),
+    seed=st.integers(0, 2**32),
+    progressive=st.booleans(),
+    restart=st.sampled_from([0, 20]),
+    header=st.booleans(),
+)
+@settings(max_examples=400, deadline=None)
+def test_recorder_verify_and_replay_judge_alike(
+    damage: str, seed: int, progressive: bool, restart: int, header: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    data = with_thumbnail(jpeg(quality=40, progressive=progressive, restart=restart))
+    at = int(rng.integers(1, 1200 if header else len(data)))
+    whole = judged(DAMAGES[damage](data, at, rng))
+    if damage == "cut":
+        assert not whole
+    if damage == "appended":
+        assert whole
+
+
 @given(seed=st.integers(0, 2**32), flips=st.integers(1, 20), header=st.booleans())
 @settings(max_examples=300, deadline=None)
 def test_whatever_the_bytes_are_the_answer_is_the_same(seed: int, flips: int, header: bool) -> None:
@@ -118,8 +221,7 @@ def test_whatever_the_bytes_are_the_answer_is_the_same(seed: int, flips: int, he
     data = bytearray(jpeg(quality=40, restart=int(rng.integers(0, 3)) * 20))
     for at in rng.integers(2, 650 if header else len(data), flips):
         data[at] = rng.integers(256)
-    whole = decode_gray(bytes(data)) is not None
-    assert whole == (flaw(bytes(data), "jpeg") is None)
+    judged(bytes(data))
 
 
 @pytest.mark.parametrize("size", [(65500, 65500), (40000, 7000), (65500, 1)])
@@ -187,4 +289,4 @@ def test_what_is_no_image() -> None:
     for data in (b"", b"no image", END, b"\xff\xd8", jpeg()[:200], broken):
         assert decode_gray(data) is None
     assert flaw(broken, "png") == "no png image that can be decoded"
-    assert flaw(b"\xff\xd8", "jpeg") == "a damaged jpeg image"
+    assert flaw(b"\xff\xd8", "jpeg") == "not a readable jpeg image"

@@ -11,6 +11,7 @@ import threading
 import time
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import av
@@ -21,6 +22,10 @@ from click.testing import CliRunner
 
 from recorder.cameras_cli import cameras
 from recorder.errors import InputError
+from recorder.info import log_info
+from recorder.log.reader import LogReader
+from recorder.record import record
+from recorder.record_text import summary_text
 from recorder.sources.encoding import encoded_image
 from recorder.sources.live import device, stream, v4l2
 from recorder.sources.live.clock import ARRIVAL, kernel_clock
@@ -37,8 +42,12 @@ from recorder.sources.live.settings import (
 from recorder.sources.live.stream import ConnectionLost, Received
 from recorder.sources.live.v4l2 import Device, Mode
 from recorder.sources.opening import SourceOptions, open_source
+from recorder.verify.run import verify
+from tests.capture_helpers import end_of, events_of
 from tests.conftest import ROOT
 from tests.live_helpers import Taker
+from tests.live_sources import LiveScript
+from tests.log_helpers import images
 from tests.test_sources import make_video
 
 MJPG = int.from_bytes(b"MJPG", "little")
@@ -395,11 +404,101 @@ def test_what_is_no_camera_is_said(tmp_path: Path) -> None:
     assert "multi-planar" in listing_text(found_cameras([Path("/dev/null")], planes))
 
 
-def packet_at(stamp_ns: int | None) -> AvPacket:
-    packet: Any = av.Packet(b"x")
+def packet_at(stamp_ns: int | None, data: bytes = b"x", *, is_corrupt: bool = False) -> AvPacket:
+    packet: Any = av.Packet(data)
     packet.time_base = Fraction(1, 10**6)
     packet.pts = None if stamp_ns is None else stamp_ns // 1000
+    packet.is_corrupt = is_corrupt
     return cast(AvPacket, packet)
+
+
+GOOD = encoded_image(np.random.default_rng(2).integers(0, 256, (48, 64), np.uint8), "jpeg")
+# Of a buffer that the driver flags, FFmpeg leaves the stamp and no bytes.
+FLAGGED = b""
+HALF = GOOD[: len(GOOD) // 2]
+
+
+def connection_of(*packets: AvPacket) -> ContainerConnection:
+    """A device that has these, and is then unplugged."""
+    left = iter(packets)
+    codec = SimpleNamespace(name="mjpeg")
+    streams = SimpleNamespace(video=[SimpleNamespace(codec_context=codec, average_rate=30)])
+    container: Any = SimpleNamespace(streams=streams, demux=lambda stream: left, close=lambda: None)
+    return ContainerConnection(cast(InputContainer, container), KernelStamps(), "jpeg")
+
+
+def packets_of(*images: bytes) -> list[AvPacket]:
+    now_ns = time.monotonic_ns() - 10**9
+    return [packet_at(now_ns + i * 10**7, data) for i, data in enumerate(images)]
+
+
+def test_damaged_images_of_a_device_are_in_the_log_and_counted(tmp_path: Path) -> None:
+    """As USB cameras give them when they begin; the recording begins all the same."""
+    other_size = encoded_image(np.zeros((96, 128), np.uint8), "jpeg")[:-2]
+    given = [FLAGGED, HALF, GOOD, FLAGGED, *[GOOD] * 3, HALF]
+    connections = [
+        connection_of(*packets_of(FLAGGED, HALF, other_size, GOOD)),
+        connection_of(*packets_of(*given)),
+    ]
+
+    def connect() -> ContainerConnection:
+        if not connections:
+            raise InputError("video0", "expected a camera, found: no such device")
+        return connections.pop(0)
+
+    source = stream.LiveCamera("video0", "/dev/video0", connect, {})
+    assert source.image_size == (64, 48)
+    with Taker(source) as taken:
+        taken.wait_for_message("connection lost after frame 7")
+    assert [f.data for f in taken.frames] == given
+    assert [f.frame_index for f in taken.frames] == list(range(8))
+    assert sum(e.dropped for e in taken.events) == 0
+    path = tmp_path / "log.mcap"
+    summary = record(LiveScript(taken.items), path)
+    counts = summary.counts
+    assert (counts.written, counts.dropped, counts.corrupt) == (8, 0, 4)
+    assert "0 dropped, " in summary_text(summary)
+    assert "4 corrupt" in summary_text(summary)
+    with LogReader(path) as log:
+        assert [i.data for i in images(log)] == given
+    assert [e.message for e in events_of(path) if e.message.startswith("frame")] == [
+        "frame 0 is empty", "frame 1 is a jpeg image without its end", "frame 3 is empty",
+        "frame 7 is a jpeg image without its end",
+    ]  # fmt: skip
+    assert end_of(path).items() >= counts.as_metadata().items()
+    info = log_info(path)
+    assert (info.images.count, info.recorded["frames_corrupt"], info.images.missing) == (8, 4, 0)
+    assert (info.images.width_px, info.images.height_px) == (64, 48)
+    rules = {verdict.rule: verdict for verdict in verify([path]).rules}
+    assert (rules["counts"].level, rules["gaps"].level) == ("ok", "ok")
+    assert rules["images"].values["frames_corrupt"] == 4
+
+
+def test_bytes_that_are_flagged_are_kept_and_judged_by_what_they_are() -> None:
+    """Who reads the log has no flag: recorder, `verify` and replay count the same."""
+    stamp_ns = time.monotonic_ns()
+    connection = connection_of(
+        packet_at(stamp_ns, GOOD, is_corrupt=True), packet_at(stamp_ns, GOOD)
+    )
+    source = stream.LiveCamera("video0", "/dev/video0", lambda: connection, {})
+    connection = connection_of(packet_at(stamp_ns, GOOD, is_corrupt=True))
+    with Taker(source) as taken:
+        taken.wait_for(1)
+    assert taken.frames[0].data == GOOD
+    told = taken.events[0]
+    assert (told.message, told.dropped) == ("frame 0 was damaged on its way, says FFmpeg", 0)
+
+
+def test_a_camera_without_a_whole_image_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream, "_LOOK_S", 0.1)
+
+    class Cut(Unplugged):
+        def receive(self) -> Received:
+            return Received(HALF, time.time_ns())
+
+    words = r"expected a whole image within 0.1 s, found: a jpeg image without its end"
+    with pytest.raises(InputError, match=words):
+        stream.LiveCamera("video0", "/dev/video0", Cut, {})
 
 
 def test_kernel_stamps_become_system_time() -> None:

@@ -167,6 +167,22 @@ def test_groups_that_are_far_apart_are_no_slip() -> None:
         assert not [f for f in check.findings if f.severity != "note"], check_text(check)
 
 
+def test_two_sites_are_one_map_and_a_question() -> None:
+    """However far apart: what shows millimetres is how far it is to the next marker."""
+    near = [(x, y, 2.5) for x in (0.0, 1.0, 2.0) for y in (0.0, 1.0)]
+    for apart_m in (900.0, 1200.0, 30_000.0):
+        places = [*near, *((x + apart_m, y, z) for x, y, z in near)]
+        markers = [Marker.from_yaw(i, place, 0, "down", 0.15) for i, place in enumerate(places)]
+        check = check_map(map_yaml(MarkerMap("map", "DICT_6X6_50", tuple(markers))), SITE)
+        assert check.sane, check_text(check)
+        assert found(check, "warning") == ({("extent", ())} if apart_m > 1000 else set())
+    # One that is lost besides is told as ever.
+    markers.append(Marker.from_yaw(20, (0.0, 5000.0, 2.5), 0, "down", 0.15))
+    check = check_map(map_yaml(MarkerMap("map", "DICT_6X6_50", tuple(markers))), SITE)
+    assert found(check, "error") == {("far", (20,))}
+    assert found(check, "warning") == {("extent", ())}
+
+
 def test_shipped_scenes_are_sane() -> None:
     for name, path in shipped_scenes().items():
         check = check_map(map_yaml(load_scene(path).true_map), SITE)

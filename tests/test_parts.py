@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +19,7 @@ from recorder.cli import commands
 from recorder.errors import InputError
 from recorder.info import log_info
 from recorder.info_text import info_text
+from recorder.log.mcap_output import McapOutput
 from recorder.log.parts import PartsReader, group_parts, open_log, whole_path
 from recorder.log.reader import LogReader
 from recorder.log.records import LogEvent, LogImage
@@ -241,6 +245,39 @@ def test_where_no_further_part_can_be_made_the_last_one_goes_on(tmp_path: Path) 
     assert sum(isinstance(r, LogImage) for r in records) == 30
     told = [r.message for r in records if isinstance(r, LogEvent)]
     assert sum(text.startswith("no further part can be made") for text in told) == 1
+
+
+@pytest.mark.parametrize("at_its_end", [False, True])
+def test_a_disk_that_fails_between_two_parts_leaves_no_stub(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_its_end: bool
+) -> None:
+    """Before the part has its end, which then tells, or once it has."""
+    sync, synced = McapOutput.sync, [0]
+
+    def fail(self: McapOutput) -> None:
+        if threading.current_thread().name == "log":
+            synced[0] += 1
+            if synced[0] == 1 + at_its_end:
+                raise OSError(errno.EIO, os.strerror(errno.EIO))
+        sync(self)
+
+    monkeypatch.setattr(McapOutput, "sync", fail)
+    source = LiveScript(now_frames(80), rate_hz=80)
+    summary = record(source, tmp_path / "drive.mcap", split=SplitLimit(seconds=0.3))
+    first = tmp_path / "drive-001.mcap"
+    assert summary.ended == "failed"
+    assert summary.parts == (first,)
+    assert list(tmp_path.iterdir()) == [first]
+    counts = summary.counts
+    with LogReader(first) as log:
+        assert [i.frame_index for i in images(log)] == list(range(counts.written))
+        end = log.metadata["session_end"]
+    # The one that the next part was for was taken, those after it perhaps.
+    assert counts.dropped >= 1
+    assert source.given - 1 <= counts.written + counts.dropped <= source.given
+    if not at_its_end:
+        assert end.items() >= counts.as_metadata().items()
+        assert end["ended"].startswith("error: ")
 
 
 @pytest.fixture(scope="module")

@@ -17,6 +17,7 @@ from click.testing import CliRunner, Result
 
 from recorder.attach import attach
 from recorder.attachments import merge_attachments, read_attachments
+from recorder.capture.outages import Outages
 from recorder.cli import commands
 from recorder.errors import InputError
 from recorder.files.camera_file import camera_yaml, parse_camera
@@ -305,6 +306,22 @@ def test_a_copy_ends_as_its_original_did(tmp_path: Path, ended: str) -> None:
         assert log.ending == ended
         assert (log.shortfall is None) == (ended != "disk_full")
         assert log.metadata["session_end"]["frames_dropped"] == "1"
+
+
+def test_a_copy_keeps_what_the_original_says_of_its_end(tmp_path: Path) -> None:
+    """Lost connections, and what a later version may add; what the copy has it counts itself."""
+    path, copy = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    with LogWriter(path, attachments=attachments(), session={}) as writer:
+        writer.write_frame(frame(0))
+        writer.write_event(frame(0).timestamp_ns, "error", "connection lost")
+        lost = Outages(3, 12.5, at_end=True).as_metadata()
+        writer.end_as("interrupted", display_dropped="7", later="more", **lost)
+    attach(path, copy, {"truth.yaml": TRUTH_YAML})
+    with LogReader(path) as log, LogReader(copy) as attached:
+        assert attached.metadata["session_end"] == log.metadata["session_end"]
+    recorded = log_info(copy).recorded
+    assert recorded == log_info(path).recorded
+    assert (recorded["connection_lost"], recorded["connection_lost_s"]) == (3, 12.5)
 
 
 def test_attach_refuses_what_does_not_fit(tmp_path: Path) -> None:

@@ -93,6 +93,33 @@ def test_without_a_terminal_faults_of_frames_are_told_once_in_a_while(
     assert len(lines) == 4 + 2 * 3
 
 
+SLOW = "the disk took {} s to sync: a power loss meanwhile would have cost more"
+
+
+@pytest.mark.parametrize(
+    ("texts", "expected"),
+    [
+        ([SLOW.format(f"{1 + k / 10:.1f}") for k in range(26)], 3),
+        ([f"{k + 2} more like this: {SLOW.format(1.5)}" for k in range(26)], 3),
+        ([f"queue full: {k} frames wait" for k in range(26)], 3),
+        ([f"connection lost after frame {k}: closed" for k in range(26)], 26),
+        ([f"connected again after {k}.5 s" for k in range(26)], 26),
+        (["no connection: expected an answer, found none"] * 26, 26),
+    ],
+)
+def test_what_is_said_again_and_again_is_told_once_in_a_while(
+    capsys: pytest.CaptureFixture[str], now: list[float], texts: list[str], expected: int
+) -> None:
+    """Of one kind a line every ten seconds; when a camera was gone, always."""
+    with RecordProgress("record", None) as progress:
+        for text in texts:
+            progress.show(1, "all well", [text])
+            now[0] += 1.0
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == expected
+    assert lines == [f"record: {text}" for text in texts[:: 10 if expected == 3 else 1]]
+
+
 def test_in_a_terminal_there_is_a_bar(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = io.StringIO()
     monkeypatch.setattr(screen, "isatty", lambda: True)

@@ -218,7 +218,7 @@ def test_a_flipped_bit_is_named_with_its_place(tmp_path: Path) -> None:
 
 def test_no_flipped_bit_is_ok(tmp_path: Path) -> None:
     """Wherever it is: also between the chunks, in their indices and in the session."""
-    path = log_of(tmp_path / "log.mcap", count=8)
+    path = log_of(tmp_path / "log.mcap", count=31)
     data = path.read_bytes()
     found = rule(verify([path], decode=False), "checksums")
     assert found.level == "ok"
@@ -507,10 +507,15 @@ def test_map(tmp_path: Path) -> None:
         (TRUTH_YAML.replace(b"frame: map", b"frame: hall"), "failed", "frame: expected the map's"),
         (
             TRUTH_YAML.replace(b"from_s: 2, to_s: 3", b"from_s: 20, to_s: 30"),
-            "warning",
-            "the pose from 20 s to 30 s is outside of the log, which ends at 3.900 s",
+            "failed",
+            "the pose from 20 s to 30 s is after the log, which ends at 3.900 s",
         ),
-        (TRUTH_YAML.replace(b"[3, 2]", b"[3000, 2]"), "warning", "up to 2999 m from every marker"),
+        (TRUTH_YAML.replace(b"[3, 2]", b"[3000, 2]"), "failed", "outside of the markers' extent"),
+        (
+            TRUTH_YAML + b"waypoints:\n  - {name: far, x_m: 300, y_m: 1, std_m: 0.01}\n",
+            "failed",
+            "waypoint far is 298.50 m outside of the markers' extent",
+        ),
     ],
 )
 def test_truth(tmp_path: Path, data: bytes, level: str, text: str) -> None:

@@ -103,6 +103,17 @@ def test_events_of_a_log_alone_are_on_both_timelines(tmp_path: Path) -> None:
     assert hidden == {2}
 
 
+def test_an_image_that_is_not_whole_does_not_keep_the_last_one(tmp_path: Path) -> None:
+    log = tmp_path / "a.mcap"
+    with LogWriter(log, attachments={}, session={}) as writer:
+        for i, data in enumerate([jpeg(), b"", jpeg()[:-100], jpeg()]):
+            writer.write_frame(CapturedFrame(i, stamp(i), stamp(i), data, "jpeg"))
+    convert(log, tmp_path / "a.rrd")
+    blobs = rows(tmp_path / "a.rrd", style.IMAGE, "EncodedImage:blob")
+    assert {frame for frame, blob in blobs.items() if not blob} == {1, 2}
+    assert set(blobs) == {0, 1, 2, 3}
+
+
 def hidden_frames(path: Path, entity: str) -> set[int]:
     """Frames whose camera is nowhere."""
     positions = rows(path, entity, "Transform3D:translation")

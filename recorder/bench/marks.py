@@ -116,6 +116,11 @@ class MarkReader:
         return next(found, None)
 
 
+def is_mark(text: str) -> bool:
+    """Whether a line marks something, or takes that back."""
+    return any(line.fullmatch(text) for line in (_ARRIVED, _STANDING, _UNDONE))
+
+
 def log_marks(log: LogReader) -> tuple[Mark, ...]:
     """The marks of a log; reads all of it.
 

@@ -52,7 +52,8 @@ class PartsWriter:
     session and the topics for viewers; frame numbers go on.
 
     Attributes:
-        paths: of the logs so far, the last one being written.
+        paths: of the logs so far, the last one being written; once that is closed, of where it is:
+            one that could not take the place of another is beside it.
     """
 
     def __init__(
@@ -140,8 +141,11 @@ class PartsWriter:
 
     def close(self) -> None:
         """Write the end of the last part."""
-        with self._closing:
-            self._log.close()
+        try:
+            with self._closing:
+                self._log.close()
+        finally:
+            self.paths[-1] = self._log.written_to
 
     def discard(self) -> None:
         """Leave no file behind, of any part."""
@@ -163,6 +167,10 @@ class PartsWriter:
 
     def _next(self) -> None:
         full = self._log
+        # A disk that fails now finds a log that is not closed yet and can still tell.
+        full.flush()
+        if self._live:
+            self.sync()
         try:
             following = self._open(full)
         except InputError as error:
@@ -174,11 +182,22 @@ class PartsWriter:
         self.end_as(ending.split(following.path.name))
         self._shown_missing = self._display_dropped()
         with self._closing:
-            full.close()
+            try:
+                full.close()
+            except BaseException:
+                self._take_back(following)
+                raise
             self._earlier += full.counts
             self._earlier_bytes += full.bytes_written
             self._log = following
         self._part_start_ns = None
+
+    def _take_back(self, part: LogWriter) -> None:
+        """The recording ends in the part before."""
+        self.paths.pop()
+        part.discard()
+        with suppress(OSError):
+            part.close()
 
     def _open(self, before: LogWriter | None) -> LogWriter:
         if self._limit is None:

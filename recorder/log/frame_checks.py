@@ -1,12 +1,10 @@
-"""What can be said of a frame as it goes by, from its numbers, times and first and last bytes."""
+"""What can be said of a frame as it goes by, from its number and its times."""
 
 from __future__ import annotations
 
 import statistics
 from collections import deque
 from dataclasses import dataclass
-
-from recorder.image_header import is_cut, read_header
 
 # A frame is late when nearly twice the usual time has passed since the one before it, and so much
 # more at least. Nearly: a frame that a driver dropped without a word doubles the time.
@@ -17,27 +15,6 @@ _INTERVALS_NEEDED = 8
 # An interval that is so much shorter than usual, while frames are awaited since a pause, is of one
 # that makes up for it.
 _SHORT = 0.8
-
-
-def image_fault(data: bytes, format: str) -> str | None:
-    """Why compressed bytes are no whole image, in a few words; None where nothing shows.
-
-    Only the header and the end are looked at.
-    """
-    if not data:
-        return "empty"
-    header = read_header(data)
-    if header is None or header.format != format:
-        return f"not a readable {format} image"
-    if is_cut(data, format):
-        return f"a {format} image without its end"
-    return None
-
-
-def image_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height of compressed bytes, where their header says them."""
-    header = read_header(data)
-    return None if header is None else (header.width_px, header.height_px)
 
 
 @dataclass(frozen=True)

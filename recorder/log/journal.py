@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from recorder.errors import InputError
+from recorder.image_header import image_fault, image_size
 from recorder.log.counts import FrameCounts
 from recorder.log.event_limit import EventLimiter
-from recorder.log.frame_checks import FrameChecks, image_fault, image_size
+from recorder.log.frame_checks import FrameChecks
 from recorder.sources.base import CapturedFrame
 
 _TOLD = 100

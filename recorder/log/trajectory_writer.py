@@ -57,7 +57,8 @@ def write_trajectories(
         OSError: the file cannot be written; nothing is left of it.
     """
     known = Known.parse(attachments)
-    partial = path.with_name(path.name + ".part")
+    # PATH.part may be what is left of a recording.
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     raw = open(partial, "wb", buffering=0)  # noqa: SIM115
     try:
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -19,7 +18,7 @@ from recorder.log.derived import DueTruth, Known, static_messages
 from recorder.log.journal import FrameJournal
 from recorder.log.log_file import DiskFullError, RawFile, sync_folder
 from recorder.log.mcap_output import McapOutput
-from recorder.log.target import open_target, target_of
+from recorder.log.target import Target
 from recorder.sources.base import CapturedFrame
 
 __all__ = ["DiskFullError", "LogWriter"]
@@ -38,7 +37,6 @@ class LogWriter:
 
     Attributes:
         counts: of the frames so far.
-        written_to: the file itself: `path`, or the one beside it.
     """
 
     def __init__(
@@ -66,13 +64,15 @@ class LogWriter:
             open_raw: makes the unbuffered file.
 
         Raises:
-            InputError: the file exists, cannot be made, or an attachment is malformed.
+            InputError: the file exists, is being written, cannot be made, or an attachment is
+                malformed.
         """
         self._known = Known.parse(attachments)
         self._live = live
         self._begun = False
         self._closed = False
         self._discarded = False
+        self._copies = False
         self._end: dict[str, str] = {}
         self._events_written = 0
         self.path = path
@@ -86,22 +86,26 @@ class LogWriter:
         else:
             self._due_truth, self._journal = continues._due_truth, continues._journal
         self.counts = FrameCounts()
-        self.written_to = target_of(path, force)
-        raw = open_target(open_raw, self.written_to)
+        self._target = Target(path, force=force, open_raw=open_raw)
         try:
-            self._output = McapOutput(raw, path.parent)
+            self._output = McapOutput(self._target.raw, path.parent)
             for name, data in attachments.items():
                 self._output.add_attachment(started_ns, name, _media_type(name), data)
             self._output.add_metadata(topics.SESSION, {"log_format": topics.LOG_FORMAT, **session})
             self._check_space()
         except BaseException as error:
-            raw.close()
+            self._target.raw.close()
             self.written_to.unlink(missing_ok=True)
             if isinstance(error, DiskFullError):
                 raise InputError(path, "expected some space, found a full disk") from error
             raise
         if live:
             sync_folder(path.parent)
+
+    @property
+    def written_to(self) -> Path:
+        """The file itself: `path`, or the one beside it."""
+        return self._target.written_to
 
     @property
     def frames_written(self) -> int:
@@ -237,11 +241,18 @@ class LogWriter:
         self._check_space()
 
     def announce_dropped(self, dropped: int) -> None:
-        """Frames that are lost, where there is no space to say more about them."""
+        """Frames that are lost, where there is no space to say more about them.
+
+        Where the log has its end already, only `counts` can tell.
+        """
         self._journal.announce(dropped)
+        if self._closed:
+            self.counts.dropped += self._journal.announced
+            self._journal.announced = 0
 
     def copy(self, schema: Schema | None, channel: Channel, message: Message) -> None:
         """A message of another log as it is; images bring the topics for viewers with them."""
+        self._copies = True
         with uninterrupted():
             if channel.topic == topics.IMAGE:
                 self._begin_image(message.sequence, message.publish_time, message.log_time)
@@ -277,19 +288,27 @@ class LogWriter:
         self.close()
 
     def close(self) -> None:
-        """Write the end of the log, which is then complete; a second call does nothing."""
+        """Write the end of the log, which is then complete; a second call does nothing.
+
+        Raises:
+            DisplacedError: the log that it was to replace is not there any more, but another one;
+                this one is whole in `written_to`.
+            InputError: somebody removed the file that was to replace another.
+        """
         with uninterrupted():
             if self._closed:
                 return
             self._closed = True
-            replaces = self.written_to != self.path
+            replaces = self._target.is_beside
             whole = False
             try:
                 if not self._discarded:
                     self._finish()
                     if self._live or replaces:
                         self._output.sync()
-                    whole = not ending.failed(self._end.get("ended", ending.COMPLETE))
+                    failed = ending.failed(self._end.get("ended", ending.COMPLETE))
+                    # A copy is whole also where its original is not.
+                    whole = self._copies or not failed
             finally:
                 # What a failed write took with it was counted when it came.
                 lost = self._output.open_messages(topics.IMAGE)
@@ -301,9 +320,7 @@ class LogWriter:
                     if ours:
                         self.written_to.unlink(missing_ok=True)
                 elif replaces and whole:
-                    os.replace(self.written_to, self.path)
-                    self.written_to = self.path
-                    sync_folder(self.path.parent)
+                    self._target.take_place(is_ours=ours)
 
     def _finish(self) -> None:
         if not self._begun and not self._output.full:

@@ -235,13 +235,14 @@ def _far_away(markers: Sequence[Marker]) -> list[Finding]:
     # What a few that are lost stretch is told of them.
     common = centres if 2 * lost.sum() > len(markers) else centres[~lost]
     extent_m = float(np.ptp(common, axis=0).max())
-    if usual_m > _LOST_M or extent_m > _SITE_M:
-        text = (
-            f"the markers are spread over {extent_m:.0f} m, {usual_m:.2f} m from one to the next: "
-            "are the places in metres, not in millimetres?"
-        )
+    spread = f"the markers are spread over {extent_m:.0f} m, {usual_m:.2f} m from one to the next"
+    if usual_m > _LOST_M:
+        text = f"{spread}: are the places in metres, not in millimetres?"
         return [Finding("error", "extent", (), text)]
     found = []
+    if extent_m > _SITE_M:
+        text = f"{spread}: are these places of one site, in metres?"
+        found.append(Finding("warning", "extent", (), text))
     limit_m = max(_FAR * usual_m, _LEAST_FAR_M) if len(markers) >= _FEWEST else np.inf
     for marker, distance, is_lost in zip(markers, nearest, lost, strict=True):
         if is_lost or distance > limit_m:

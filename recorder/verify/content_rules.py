@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
-from pipeline.geometry import Array
 from pipeline.markers import MarkerMap
+from recorder.bench.check.run import check_truth
+from recorder.bench.check.time_rules import LogTimes
 from recorder.errors import InputError
 from recorder.files.camera_file import parse_camera
 from recorder.files.map_file import parse_map
-from recorder.files.truth_file import Truth, check_frame, parse_truth
 from recorder.info_text import counted
 from recorder.log import topics
 from recorder.maps.check import check_map
+from recorder.maps.findings import Checked
 from recorder.verify.facts import Facts
 from recorder.verify.limits import CORRUPT_PERCENT
 from recorder.verify.verdict import Verdict, failed, ok, warning
-
-# Truth so far from every marker is in other units or of another place.
-_FAR_M = 50.0
 
 
 def images(facts: Facts) -> Verdict:
@@ -81,35 +80,38 @@ def marker_map(facts: Facts) -> Verdict:
         check = check_map(data, Path(topics.MAP_FILE))
     except InputError as error:
         return failed("map", _within(error))
-    errors, warnings = check.count("error"), check.count("warning")
-    if errors or warnings:
-        first = check.findings[0].text
-        text = f"{counted(errors, 'error')}, {counted(warnings, 'warning')}: {first}"
-        return failed("map", text) if errors else warning("map", text)
-    return ok("map", f"{counted(len(check.markers), 'marker')}, {check.dictionary}")
+    sane = f"{counted(len(check.markers), 'marker')}, {check.dictionary}"
+    return _graded("map", check, [finding.text for finding in check.findings]) or ok("map", sane)
 
 
 def truth(facts: Facts) -> Verdict:
-    """What was measured is of this log and of this place."""
-    placed = _map(facts)
-    try:
-        measured = _truth(facts)
-        if measured is not None and placed is not None:
-            check_frame(measured, placed, Path("truth"))
-    except InputError as error:
-        return failed("truth", _within(error))
-    if measured is None:
+    """What was measured is of this log and of this place: as `truth check` says."""
+    name = next((name for name in topics.TRUTH_FILES if name in facts.log.attachments), None)
+    if name is None:
         text = f"{facts.exact} exact poses" if facts.exact else "there is none"
         return ok("truth", text)
-    if outside := _out_of_time(measured, facts):
-        return warning("truth", outside)
-    points = _points(measured)
-    if placed is not None and placed.markers and len(points):
-        centres = np.array([marker.centre_m[:2] for marker in placed.markers])
-        furthest_m = max(float(np.hypot(*(centres - p).T).min()) for p in points)
-        if furthest_m > _FAR_M:
-            return warning("truth", f"up to {furthest_m:.0f} m from every marker: in metres?")
-    return ok("truth", measured.method or "of this log and of this place")
+    data, times = facts.log.attachments[name], None
+    if len(facts.indices):
+        numbers = int(facts.indices.min()), int(facts.indices.max())
+        times = LogTimes(np.sort(facts.seconds), facts.marks, facts.log.start_ns, numbers)
+    try:
+        check = check_truth(data, Path(name), _map(facts), times)
+    except InputError as error:
+        return failed("truth", _within(error))
+    held = (len(check.places), "place"), (check.trajectory_poses, "trajectory pose")
+    text = ", ".join(counted(number, noun) for number, noun in held if number)
+    return _graded("truth", check, [finding.text for finding in check.findings]) or ok(
+        "truth", text or "a path"
+    )
+
+
+def _graded(rule: str, check: Checked, texts: Sequence[str]) -> Verdict | None:
+    """What was found in a file, the worst first; None where that is nothing."""
+    errors, warnings = check.count("error"), check.count("warning")
+    if not errors and not warnings:
+        return None
+    text = f"{counted(errors, 'error')}, {counted(warnings, 'warning')}: {texts[0]}"
+    return failed(rule, text) if errors else warning(rule, text)
 
 
 def _map(facts: Facts) -> MarkerMap | None:
@@ -117,45 +119,6 @@ def _map(facts: Facts) -> MarkerMap | None:
     with suppress(InputError):
         return parse_map(data, Path(topics.MAP_FILE)) if data else None
     return None
-
-
-def _truth(facts: Facts) -> Truth | None:
-    for name in topics.TRUTH_FILES:
-        if data := facts.log.attachments.get(name):
-            return parse_truth(data, Path(name))
-    return None
-
-
-def _out_of_time(measured: Truth, facts: Facts) -> str | None:
-    seconds = facts.seconds
-    if not len(seconds):
-        return None
-    first_s, last_s = float(seconds.min()), float(seconds.max())
-    for pose in measured.poses:
-        if pose.to_s < first_s or pose.from_s > last_s:
-            return (
-                f"the pose from {pose.from_s:g} s to {pose.to_s:g} s is outside of the log, which "
-                f"ends at {last_s:.3f} s"
-            )
-    trajectory = measured.trajectory
-    if trajectory is None:
-        return None
-    stamps, taken = trajectory.timestamp_ns, facts.timestamps_ns
-    if stamps is None:
-        stamps, taken = trajectory.frame_index, facts.indices
-    if stamps is not None and len(stamps) and (stamps[-1] < taken.min() or stamps[0] > taken.max()):
-        return "the trajectory is of another time than the log"
-    return None
-
-
-def _points(measured: Truth) -> Array:
-    """(N, 2) x and y of all that was measured."""
-    found = [np.array([[pose.x_m, pose.y_m] for pose in measured.poses]).reshape(-1, 2)]
-    if measured.path is not None:
-        found.append(np.asarray(measured.path.points_m))
-    if measured.trajectory is not None:
-        found.append(np.asarray(measured.trajectory.positions_m)[:, :2])
-    return np.vstack(found)
 
 
 def _within(error: InputError) -> str:

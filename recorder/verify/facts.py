@@ -15,11 +15,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from recorder.bench.marks import Mark, MarkReader, is_mark
 from recorder.image_decoding import flaw
+from recorder.image_header import image_fault, image_size
 from recorder.log import topics
 from recorder.log.counts import said_counts
 from recorder.log.damage import Damage
-from recorder.log.frame_checks import image_fault, image_size
 from recorder.log.mcap_records import checksum_problem, index_problem
 from recorder.log.parts import open_log, part_number
 from recorder.log.reader import LogReader
@@ -67,6 +68,7 @@ class Facts:
         sizes: how many images there are of each width and height.
         faults: frame number and what is wrong with the image, of those that are not whole.
         cut: how many of these a recorder notices: from the header or the end.
+        mark_lines: capture and text of each event that is about a waypoint.
         decoded: whether images were looked into.
     """
 
@@ -78,6 +80,7 @@ class Facts:
     sizes: Counter[tuple[int, int]]
     faults: list[tuple[int, str]]
     cut: int
+    mark_lines: list[tuple[int, str]]
     exact: int
     live: bool
     decoded: bool
@@ -126,6 +129,14 @@ class Facts:
         """How captures follow one another; None with too few frames to tell."""
         return pace_of(self.indices, self.timestamps_ns, self.adjoin)
 
+    @cached_property
+    def marks(self) -> tuple[Mark, ...]:
+        """Of waypoints, by who recorded it."""
+        reader = MarkReader(self.log.start_ns or 0)
+        for timestamp_ns, text in self.mark_lines:
+            reader.add(timestamp_ns, text)
+        return reader.marks
+
     @property
     def seconds(self) -> NDArray[np.float64]:
         """(N,) captures, in seconds of the log."""
@@ -141,6 +152,7 @@ class _Seen:
     sizes: Counter[tuple[int, int]] = field(default_factory=Counter)
     faults: list[tuple[int, str]] = field(default_factory=list)
     cut: int = 0
+    mark_lines: list[tuple[int, str]] = field(default_factory=list)
     exact: int = 0
 
 
@@ -170,6 +182,7 @@ def gather(
         sizes=seen.sizes,
         faults=sorted(seen.faults),
         cut=seen.cut,
+        mark_lines=seen.mark_lines,
         exact=seen.exact,
         live=topics.LIVE in log.metadata.get(topics.SESSION, {}),
         decoded=decode,
@@ -187,6 +200,8 @@ def _read(
             seen.exact += 1
         elif isinstance(record, LogEvent):
             events += 1
+            if is_mark(record.message):
+                seen.mark_lines.append((record.timestamp_ns, record.message))
             if record.level == "error" and record.name == RECORDER:
                 lost_camera = lost_camera or record.message
         else:

@@ -6,8 +6,8 @@ import rerun as rr
 
 from pipeline.geometry import Pose
 from pipeline.localizer import FrameResult
+from recorder.image_header import image_fault
 from recorder.log.derived import Known
-from recorder.log.frame_checks import image_fault
 from recorder.log.records import LogImage
 from replay.truth import MeasuredTruth
 from replay.viewer import scene

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.geometry import Array
+from recorder.image_header import image_fault
 from recorder.log.reader import LogReader
 from recorder.log.records import LogEvent
 from replay.stages import pair
@@ -78,7 +79,10 @@ def _write_records(reader: LogReader, file: RecordingFile) -> Array:
         events.frame(image.timestamp_ns, image.frame_index)
         time_ns = image.timestamp_ns - start_ns
         scene.set_time(stream, time_ns, image.frame_index)
-        scene.log_image(stream, image.data, image.format)
+        if image_fault(image.data, image.format) is None:
+            scene.log_image(stream, image.data, image.format)
+        else:
+            scene.clear_image(stream)
         T_map_camera = record.exact.T_map_camera if record.exact else None
         buffer.at(time_ns, image.frame_index)
         buffer.add(style.CAMERA, columns.transforms, T_map_camera)

@@ -51,9 +51,11 @@ class TruthCheck(Checked):
 
 
 def check_truth(
-    data: bytes, path: Path, marker_map: MarkerMap, log: LogTimes | None = None
+    data: bytes, path: Path, marker_map: MarkerMap | None, log: LogTimes | None = None
 ) -> TruthCheck:
     """Everything that is odd about a truth file, what keeps it from being read included.
+
+    Without a map nothing is said about places in it.
 
     Raises:
         InputError: it is not YAML.
@@ -64,7 +66,8 @@ def check_truth(
     truth = parse_truth(data, path)
     found: list[TruthFinding] = []
     try:
-        check_frame(truth, marker_map, path)
+        if marker_map is not None:
+            check_frame(truth, marker_map, path)
     except InputError as error:
         found.append(_unreadable(error))
     if truth_kind(data, path) == "yaml":
@@ -114,9 +117,11 @@ def check_text(check: TruthCheck) -> str:
     return "\n".join(lines)
 
 
-def _findings(truth: Truth, marker_map: MarkerMap, log: LogTimes | None) -> list[TruthFinding]:
+def _findings(
+    truth: Truth, marker_map: MarkerMap | None, log: LogTimes | None
+) -> list[TruthFinding]:
     return [
-        *map_findings(truth, marker_map),
+        *(map_findings(truth, marker_map) if marker_map is not None else ()),
         *speed_findings(truth),
         *std_findings(truth),
         *same_place_findings(truth),

@@ -11,7 +11,8 @@ import numpy as np
 
 from pipeline.geometry import Array
 from recorder.bench.check.findings import TruthFinding
-from recorder.bench.marks import Mark
+from recorder.bench.marks import Mark, log_marks
+from recorder.files.trajectory_file import Trajectory
 from recorder.files.truth_entries import TruthFile
 from recorder.files.truth_file import Truth
 from recorder.log import topics
@@ -31,10 +32,14 @@ class LogTimes:
 
     Attributes:
         frames_s: (N,) when images were captured, from the first one's capture, in order.
+        start_ns: capture stamp of second 0; None where it is not known.
+        numbers: the first and the last frame's; None where they are not known.
     """
 
     frames_s: Array
     marks: tuple[Mark, ...]
+    start_ns: int | None = None
+    numbers: tuple[int, int] | None = None
 
     @property
     def duration_s(self) -> float:
@@ -42,16 +47,20 @@ class LogTimes:
         return float(self.frames_s[-1]) if len(self.frames_s) else 0.0
 
 
-def log_frames_s(log: LogReader) -> Array:
-    """The capture times of a log's images, as in `LogTimes`; in one pass."""
-    times_ns = [
-        message.publish_time
+def log_times(log: LogReader) -> LogTimes:
+    """What a log says about times; reads all of it."""
+    images = [
+        (message.publish_time, message.sequence)
         for _, channel, message in log.messages()
         if channel.topic == topics.IMAGE
     ]
+    start_ns = log.start_ns or 0
     # Whole nanoseconds since 1970 are more than a float can tell apart.
-    since_ns = np.array(sorted(times_ns), dtype=np.int64) - (log.start_ns or 0)
-    return np.asarray(since_ns / 1e9)
+    since_ns = np.array(sorted(time_ns for time_ns, _ in images), dtype=np.int64) - start_ns
+    last = max((number for _, number in images), default=0)
+    # A log of another make may leave them at 0.
+    numbers = (min(number for _, number in images), last) if last else None
+    return LogTimes(np.asarray(since_ns / 1e9), log_marks(log), start_ns, numbers)
 
 
 def order_findings(file: TruthFile) -> Iterator[TruthFinding]:
@@ -124,6 +133,9 @@ def log_findings(truth: Truth, log: LogTimes) -> Iterator[TruthFinding]:
                 "error" if after else "warning", "log", f"pose at {pose.from_s:g} s", text
             )
     yield from frame_findings(truth, log.frames_s)
+    if _is_of_another_time(truth.trajectory, log):
+        text = "the trajectory is of another time than the log"
+        yield TruthFinding("error", "log", "trajectory", text)
     counted = [mark for mark in log.marks if not mark.undone]
     marked = {mark.name for mark in counted}
     if counted and not truth.waypoints:
@@ -138,3 +150,16 @@ def log_findings(truth: Truth, log: LogTimes) -> Iterator[TruthFinding]:
         if mark.stood and lasts_s is not None and lasts_s < _SHORT_S:
             text = f"{mark.text()} lasts {lasts_s:.1f} s only: s pressed twice?"
             yield TruthFinding("warning", "marks", f"waypoint {mark.name}", text)
+
+
+def _is_of_another_time(trajectory: Trajectory | None, log: LogTimes) -> bool:
+    """No pose of it is between the first and the last image."""
+    if trajectory is None or not len(trajectory) or not len(log.frames_s):
+        return False
+    if trajectory.timestamp_ns is not None and log.start_ns is not None:
+        begin_s, end_s = (trajectory.timestamp_ns[[0, -1]] - log.start_ns) / 1e9
+        return bool(end_s < -_STAMP_S or begin_s > log.duration_s + _STAMP_S)
+    if trajectory.frame_index is not None and log.numbers is not None:
+        first, last = log.numbers
+        return bool(trajectory.frame_index[-1] < first or trajectory.frame_index[0] > last)
+    return False

@@ -133,7 +133,6 @@ class BagSource:
             data = message.data.tobytes()
             header = read_header(data)
             format = header.format if header else _named_format(message.format)
-            problem = None if data else "is empty"
         else:
             try:
                 data = encoded_image(pixels.pixels_of(message), self._encoding)

@@ -23,6 +23,7 @@ from recorder.sources.video import encoded_picture
 # How long a read may block, and how often a device is asked that does not block.
 READ_S = 0.4
 _POLL_S = 0.002
+_UNDECODED = "cannot be decoded"
 
 AvPacket: TypeAlias = "Packet[VideoStream]"
 
@@ -62,8 +63,10 @@ class ContainerConnection:
             self._stamps.learn(packet)
             if self._codec == "mjpeg":
                 stamp_ns = self._capture_ns(packet.pts, packet.time_base)
-                bad = packet.is_corrupt or not packet.size
-                problem = ("is corrupt" if packet.size else "is empty") if bad else None
+                # Of a buffer that a driver flags FFmpeg leaves no bytes: an empty image. Others are
+                # judged by what they are: who reads the log sees no flag.
+                flagged = packet.is_corrupt and packet.size
+                problem = "was damaged on its way, says FFmpeg" if flagged else None
                 return Received(bytes(packet), time.time_ns(), stamp_ns, problem=problem)
             self._decode(packet)
         return self._pending.popleft()
@@ -113,13 +116,13 @@ class ContainerConnection:
         try:
             pictures = packet.decode()
         except (av.error.FFmpegError, ValueError):
-            self._pending.append(Received(b"", time.time_ns(), problem="is corrupt"))
+            self._pending.append(Received(b"", time.time_ns(), problem=_UNDECODED))
             return
         for picture in pictures:
             stamp_ns = self._capture_ns(picture.pts, picture.time_base)
             arrival_ns = time.time_ns()
             if not isinstance(picture, VideoFrame) or picture.is_corrupt:
-                received = Received(b"", arrival_ns, stamp_ns, problem="is corrupt")
+                received = Received(b"", arrival_ns, stamp_ns, problem=_UNDECODED)
             else:
                 data = encoded_picture(picture, self._encoding)
                 received = Received(data, arrival_ns, stamp_ns, self._encoding)

@@ -74,8 +74,7 @@ class HttpConnection:
         arrival_ns = time.time_ns()
         timestamp_ns = self._stamp_ns(part, arrival_ns)
         note = f"{part.skipped} bytes belong to no frame" if part.skipped else None
-        problem = None if part.data else "is empty"
-        return Received(part.data, arrival_ns, timestamp_ns, problem=problem, note=note)
+        return Received(part.data, arrival_ns, timestamp_ns, note=note)
 
     def describe(self) -> Mapping[str, str]:
         name = "server (X-Timestamp of each part)" if self._stamped else clock.ARRIVAL

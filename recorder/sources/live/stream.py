@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from recorder.errors import InputError
-from recorder.image_header import read_header
+from recorder.image_header import image_fault, image_size
 from recorder.sources.base import CapturedFrame, SourceEvent
 
 # No first image within this time: there is none.
@@ -26,8 +26,10 @@ class Received(NamedTuple):
     """What came over a connection for one frame.
 
     Attributes:
+        data: the compressed image as it came, also an empty or a damaged one.
         timestamp_ns: capture by the clock of the connection; None where the frame has no stamp.
-        problem: why there is no image, such as `is empty`; then `data` is of no use.
+        problem: what the connection says is wrong with it, such as `cannot be decoded`; if there
+            are no bytes then, the frame is lost.
         note: something to tell beside the image.
     """
 
@@ -86,9 +88,9 @@ class _Progress:
 class LiveCamera:
     """Frames from one connection after another, with numbers that go on.
 
-    The numbers are our own, and count what was received: each frame has one, also one that is
-    empty. Frames that a camera takes while it is not connected have none; the event when it is back
-    says how long that was.
+    The numbers are our own, and count what was received: each frame has one, also one that cannot
+    be decoded. Frames that a camera takes while it is not connected have none; the event when it is
+    back says how long that was.
 
     Args:
         connect: opens a connection; raises InputError.
@@ -234,10 +236,11 @@ class LiveCamera:
         progress.last_ns = timestamp_ns
         if received.note:
             yield SourceEvent(timestamp_ns, "warning", f"before frame {index}: {received.note}")
+        lost = bool(received.problem) and not received.data
         if received.problem:
             text = f"frame {index} {received.problem}"
-            yield SourceEvent(timestamp_ns, "warning", text, dropped=1)
-        else:
+            yield SourceEvent(timestamp_ns, "warning", text, dropped=int(lost))
+        if not lost:
             yield CapturedFrame(
                 index, timestamp_ns, received.arrival_ns, received.data, received.format
             )
@@ -273,11 +276,16 @@ def _close_result(opening: Future[Connection]) -> None:
 
 
 def _first_size(connection: Connection, spec: str) -> tuple[int, int]:
-    """The size of the first image that has one."""
+    """The size of the first whole image: what a camera gives at its start is often damaged."""
     until_s = time.monotonic() + _LOOK_S
+    found = "nothing"
     while time.monotonic() < until_s:
         received = connection.receive()
-        header = read_header(received.data) if received and not received.problem else None
-        if header:
-            return header.width_px, header.height_px
-    raise InputError(spec, f"expected an image within {_LOOK_S:g} s, found none that can be read")
+        if received is None:
+            continue
+        fault = received.problem or image_fault(received.data, received.format)
+        size = image_size(received.data)
+        if fault is None and size is not None:
+            return size
+        found = fault or found
+    raise InputError(spec, f"expected a whole image within {_LOOK_S:g} s, found: {found}")
