@@ -147,8 +147,8 @@ def record(
     SOURCE is a camera (/dev/video0, an RTSP or HTTP MJPEG URL), a video, a folder of images, a ROS
     bag, a scene.yaml or a shipped scene.
 
-    Calibration, map and truth go into the log as they are. Ctrl-C ends a recording early; what is
-    recorded stays. Frames that were dropped, late or corrupt are counted, on screen and in the log.
+    Calibration, map and truth go into the log as they are. Ctrl-C ends a recording; what is
+    recorded stays. A camera without --duration records until then: exit code 0. Frames that were dropped, late or corrupt are counted, on screen and in the log.
 
     While a live camera records in a terminal, keys mark waypoints: `3 Enter` arrived at 3, n the
     next, s stands still there until s is pressed again, u undoes, t takes a note, ? helps. With
@@ -156,10 +156,11 @@ def record(
     """
     from recorder.attachments import named_as_given, read_attachments
     from recorder.bench.session import keys_remark, waypoint_keys
+    from recorder.capture.source_thread import is_live
     from recorder.files.output_file import LOG, check_suffix
     from recorder.record import record as record_log
     from recorder.record_progress import RecordProgress
-    from recorder.record_text import ending_text, status_text, summary_text
+    from recorder.record_text import ending_text, exit_code, status_text, summary_text
     from recorder.sources.opening import open_source
 
     check_suffix(output, LOG)
@@ -195,10 +196,10 @@ def record(
             on_status=show,
         )
     click.echo(summary_text(summary))
-    if ending := ending_text(summary):
+    endless = is_live(opened) and duration is None
+    if ending := ending_text(summary, endless=endless):
         click.echo(ending, err=True)
-    if summary.ended != "complete":
-        click.get_current_context().exit(130 if summary.ended == "interrupted" else 1)
+    click.get_current_context().exit(exit_code(summary, endless=endless))
 
 
 @click.command(

@@ -78,6 +78,7 @@ def record(
     notes: Notes | None = None,
     on_status: Callable[[Status], None] | None = None,
     on_written: Callable[[CapturedFrame], None] | None = None,
+    display_missed: Callable[[], int] | None = None,
 ) -> RecordSummary:
     """Write every frame of `source` into the log `out`.
 
@@ -99,6 +100,7 @@ def record(
         on_status: called ten times a second, from this thread.
         on_written: called with every frame that is in the log, in its order, from the thread that
             writes it: it must return at once.
+        display_missed: frames that were not shown, by who shows what `on_written` is called with.
 
     Raises:
         InputError: the source or a file is not what was expected; no log is left behind, unless it
@@ -116,7 +118,12 @@ def record(
     guard = DiskGuard(out.parent, min_free_bytes)
     guard.check_start(out)
     recording = Recording(
-        source, sinks=tuple(sinks), duration_s=duration_s, notes=notes, on_written=on_written
+        source,
+        sinks=tuple(sinks),
+        duration_s=duration_s,
+        notes=notes,
+        on_written=on_written,
+        display_missed=display_missed,
     )
 
     def open_part(path: Path, more: Mapping[str, str], before: LogWriter | None) -> LogWriter:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import sys
 import time
 from collections.abc import Iterable
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
@@ -18,6 +20,9 @@ _ALIVE_S = 60.0
 # What differs in its numbers alone is said again only after this time; it is in the log, and what
 # is wrong with frames is counted.
 _AGAIN_S = 10.0
+# Short: in 80 columns there is to be room for what is counted.
+_WITHOUT_END = "{desc} {elapsed}, {n_fmt} at {rate_noinv_fmt}{postfix}"
+_USUAL_SIZE = (80, 24)
 # When a camera was gone is worth every line.
 _CONNECTION = re.compile(r"connection lost|no connection|connected again")
 _NUMBERS = re.compile(r"\d+(\.\d+)?")
@@ -33,7 +38,17 @@ class RecordProgress:
     def __init__(self, verb: str, total: int | None) -> None:
         """`total`: how many frames there will be, where that is known."""
         self._verb = verb
-        self._bar = tqdm(total=total, unit="frame", desc=verb, disable=None)
+        endless, told = total is None, _tells_its_size()
+        self._bar = tqdm(
+            total=total,
+            unit="" if endless else "frame",
+            desc=verb,
+            disable=None,
+            ncols=None if told else _USUAL_SIZE[0],
+            nrows=None if told else _USUAL_SIZE[1],
+            dynamic_ncols=told,
+            bar_format=_WITHOUT_END if endless else None,
+        )
         self._told_at: dict[str, float] = {}
         self._alive_at = time.monotonic()
 
@@ -72,3 +87,10 @@ class RecordProgress:
         trace: TracebackType | None,
     ) -> None:
         self._bar.close()
+
+
+def _tells_its_size() -> bool:
+    """Whether the terminal does; one on a serial line does not."""
+    with suppress(OSError, ValueError):
+        return os.get_terminal_size(sys.stderr.fileno()).columns > 0
+    return True

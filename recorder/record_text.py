@@ -19,15 +19,23 @@ _OPTIONS = {topics.CAMERA_FILE: "--camera", topics.MAP_FILE: "--map"}
 
 def status_text(status: Status) -> str:
     """One line on how the recording stands, beside the number of frames and their rate."""
+    parts = [
+        counts_text(status),
+        size_text(status.bytes_written),
+        f"{size_text(status.free_bytes)} free",
+        f"queue {status.queued_frames}",
+    ]
+    return ", ".join(parts)
+
+
+def counts_text(status: Status) -> str:
+    """What went wrong with frames so far; the first that a line says, as it may be cut."""
     counts = status.counts
     parts = [f"dropped {counts.dropped}", f"late {counts.late}", f"corrupt {counts.corrupt}"]
     if counts.stamped_back:
         parts.append(f"stamped back {counts.stamped_back}")
     if status.display_dropped:
         parts.append(f"not shown {status.display_dropped}")
-    parts.append(size_text(status.bytes_written))
-    parts.append(f"{size_text(status.free_bytes)} free")
-    parts.append(f"queue {status.queued_frames}")
     return ", ".join(parts)
 
 
@@ -50,8 +58,17 @@ def summary_text(summary: RecordSummary) -> str:
     return "\n".join(lines)
 
 
-def ending_text(summary: RecordSummary) -> str | None:
+def exit_code(summary: RecordSummary, *, endless: bool) -> int:
+    """`endless`: it was to go on until somebody stops it, which is no failure then."""
+    if summary.ended == "interrupted":
+        return 0 if endless and summary.frames_written else 130
+    return 0 if summary.ended == "complete" else 1
+
+
+def ending_text(summary: RecordSummary, *, endless: bool = False) -> str | None:
     """Why the recording ended early; None where it did not."""
+    if exit_code(summary, endless=endless) == 0:
+        return None
     if summary.ended == "interrupted":
         return "Interrupted." + (
             " The log is complete up to here." if summary.frames_written else ""

@@ -114,6 +114,7 @@ def _track(
     import json
 
     from recorder.attachments import named_as_given, read_attachments
+    from recorder.capture.source_thread import is_live
     from recorder.cli import log_path, source_options
     from recorder.files.output_file import LOG, check_suffix
     from recorder.record_progress import RecordProgress
@@ -147,6 +148,10 @@ def _track(
             view = stack.enter_context(live_view(live, opened, attachments, settings))
         progress = stack.enter_context(RecordProgress("track", opened.frame_count()))
 
+        def missed() -> int:
+            # The log of a file is the same whoever watches.
+            return view.missed if view is not None and is_live(opened) else 0
+
         def show(status: TrackStatus) -> None:
             recording = status.recording
             progress.show(recording.counts.written, status_text(status), recording.told)
@@ -160,15 +165,16 @@ def _track(
             attachments=attachments,
             on_result=view.offer if view else None,
             on_status=show,
+            display_missed=missed,
         )
     if as_json:
         click.echo(json.dumps({"folder": str(folder), **(tracked.summary or {})}, indent=2))
-    _say(tracked, folder, as_json=as_json)
+    _say(tracked, folder, as_json=as_json, endless=is_live(opened) and duration is None)
 
 
-def _say(tracked: Tracked, folder: Path, *, as_json: bool) -> None:
+def _say(tracked: Tracked, folder: Path, *, as_json: bool, endless: bool) -> None:
     """What came of it; ends the command with its exit code."""
-    from recorder.record_text import ending_text
+    from recorder.record_text import ending_text, exit_code
     from recorder.record_text import summary_text as record_text
     from replay.live.track_text import latency_text
     from replay.report import summary_text, warnings
@@ -183,7 +189,7 @@ def _say(tracked: Tracked, folder: Path, *, as_json: bool) -> None:
             click.echo(f"  {latency_text(summary['latency_ms'])}")
         for warning in warnings(summary):
             click.echo(f"Warning: {recorded.path}: {warning}", err=True)
-    if ending := ending_text(recorded):
+    if ending := ending_text(recorded, endless=endless):
         click.echo(ending, err=True)
     if tracked.problem is not None:
         click.echo(f"Error: tracking failed: {tracked.problem}", err=True)
@@ -192,6 +198,4 @@ def _say(tracked: Tracked, folder: Path, *, as_json: bool) -> None:
     if summary is None and recorded.frames_written:
         click.echo(f"No result; `arucolog replay {recorded.path}` makes it.", err=True)
     failed = tracked.problem is not None or tracked.rrd_problem is not None
-    if recorded.ended != "complete" or failed:
-        interrupted = recorded.ended == "interrupted" and not failed
-        click.get_current_context().exit(130 if interrupted else 1)
+    click.get_current_context().exit(1 if failed else exit_code(recorded, endless=endless))

@@ -34,10 +34,15 @@ class Terminal:
     """
 
     def __init__(self, arguments: Sequence[str], *, columns: int = 120) -> None:
+        """`columns`: 0 for a terminal that does not tell its size."""
         self.text = ""
         self._seen = 0
         self._master, self._slave = pty.openpty()
-        ioctl(self._slave, termios.TIOCSWINSZ, struct.pack("HHHH", 30, columns, 0, 0))
+        ioctl(
+            self._slave,
+            termios.TIOCSWINSZ,
+            struct.pack("HHHH", 30 if columns else 0, columns, 0, 0),
+        )
         self.before = termios.tcgetattr(self._slave)
         self._process = subprocess.Popen(
             [sys.executable, "-c", _LAUNCH, *arguments],

@@ -70,6 +70,27 @@ def tilted(content: Content) -> None:
     content["markers"][5] = {"id": 5, "xyz_m": xyz_m, "quat_xyzw": quat_xyzw}
 
 
+@pytest.mark.parametrize("others", [3, 4, 8, 30])
+@pytest.mark.parametrize("tilt_deg", [5.0, 15.0, 25.0, 32.0, 60.0, 85.0])
+def test_a_tilted_marker_on_a_flat_ceiling_is_found(others: int, tilt_deg: float) -> None:
+    """The more it is tilted, the surer; and however few there are."""
+    content = ceiling()
+    flat = content["markers"][0]
+    content["markers"] = [
+        flat | {"id": i, "xyz_m": [0.5 * (i % 6), 0.5 * (i // 6), flat["xyz_m"][2]]}
+        for i in range(others + 1)
+    ]
+    odd = content["markers"][others // 2]
+    tilt = Pose.from_rvec_tvec((np.radians(tilt_deg), 0.0, 0.0), (0, 0, 0))
+    quat_xyzw = (worlds.ceiling().by_id[0].T_map_marker @ tilt).quat_xyzw.tolist()
+    content["markers"][others // 2] = {
+        "id": odd["id"], "xyz_m": odd["xyz_m"], "quat_xyzw": quat_xyzw
+    }  # fmt: skip
+    check = checked(content)
+    assert ("tilt", (odd["id"],)) in found(check, "warning")
+    assert check.sane
+
+
 def moved(content: Content, axis: int, by_m: float) -> None:
     content["markers"][5]["xyz_m"][axis] += by_m
 

@@ -41,7 +41,7 @@ def recording(tmp_path: Path, *options: str, columns: int = 120) -> Iterator[Ter
         log = ["-o", str(tmp_path / "x.mcap"), "--truth", str(tmp_path / "truth.yaml")]
         command = ["-m", "arucolog", "record", server.url, *log, "--min-free", "1MB", *options]
         with Terminal(command, columns=columns) as terminal:
-            terminal.wait_for("record: [1-9][0-9]*frame")
+            terminal.wait_for("record [0-9:]+, [1-9][0-9]* at")
             yield terminal
 
 
@@ -72,7 +72,7 @@ def test_keys_come_into_the_log_and_ctrl_c_gives_the_terminal_back(tmp_path: Pat
         terminal.wait_for("note: door open")
         terminal.wait_for("at 1, last mark standing still at 1")
         terminal.press("\x03")
-        assert terminal.wait() == 130
+        assert terminal.wait() == 0
         assert terminal.modes == terminal.before
         assert terminal.echoes
     found = events(tmp_path)
@@ -115,13 +115,29 @@ def test_a_request_to_terminate_gives_the_terminal_back_and_ends_the_standing(
     assert float(last.message.rpartition(" to ")[2]) == pytest.approx(end_s, abs=1.5 / RATE_HZ)
 
 
+@pytest.mark.parametrize("columns", [80, 0])
+def test_what_is_counted_has_room(tmp_path: Path, columns: int) -> None:
+    """Also where a terminal does not tell how wide it is."""
+    with recording(tmp_path, "--live", "127.0.0.1:9", columns=columns) as terminal:
+        terminal.wait_for(r"dropped 0, late \d+, corrupt 0, not shown [1-9]\d*")
+        terminal.press("\x03")
+        assert terminal.wait() == 0
+
+
+def test_stopped_before_its_time_is_a_failure(tmp_path: Path) -> None:
+    with recording(tmp_path, "--no-keys", "--duration", "1h") as terminal:
+        terminal.press("\x03")
+        assert terminal.wait() == 130
+        assert "Interrupted. The log is complete up to here." in terminal.text
+
+
 def test_without_keys_the_terminal_stays_as_it_is(tmp_path: Path) -> None:
     with recording(tmp_path, "--no-keys", columns=60) as terminal:
         assert terminal.echoes
         terminal.press("3\n")
         time.sleep(0.3)
         terminal.press("\x03")
-        assert terminal.wait() == 130
+        assert terminal.wait() == 0
         assert "keys:" not in terminal.text
         assert terminal.modes == terminal.before
     assert events(tmp_path) == []

@@ -66,11 +66,13 @@ class Recording:
         duration_s: float | None,
         notes: Notes | None,
         on_written: Callable[[CapturedFrame], None] | None = None,
+        display_missed: Callable[[], int] | None = None,
     ) -> None:
         self._live = is_live(source)
         self._duration_s = duration_s
         self._notes = notes
         self._on_written = on_written
+        self._display_missed = display_missed
         self._source = source
         self._queue = FrameQueue(waits=not self._live)
         self._sinks = [SinkThread(sink, waits=not self._live) for sink in sinks]
@@ -79,7 +81,8 @@ class Recording:
 
     @property
     def display_dropped(self) -> int:
-        return sum(sink.dropped for sink in self._sinks)
+        others = self._display_missed() if self._display_missed is not None else 0
+        return sum(sink.dropped for sink in self._sinks) + others
 
     def run(
         self,

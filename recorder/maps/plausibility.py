@@ -93,15 +93,13 @@ def _mirrored(markers: Sequence[Marker], groups: list[list[int]]) -> list[Findin
     found = []
     for larger in groups:
         normal = _middle_direction([markers[i] for i in larger])
-        along = np.array([markers[i].centre_m @ normal for i in larger])
-        band = max(0.05, 3.0 * float(np.abs(along - np.median(along)).max(initial=0.0)))
         for smaller in groups:
             if len(smaller) >= len(larger) or len(larger) < _FEWEST - 1:
                 continue
             for i in smaller:
                 marker = markers[i]
                 opposite = marker.normal @ normal < -np.cos(np.radians(_SAME_DIRECTION_DEG))
-                if opposite and abs(marker.centre_m @ normal - np.median(along)) <= band:
+                if opposite and _in_plane_of([markers[k] for k in larger], marker):
                     text = (
                         f"marker {marker.id} faces {direction_text(marker.normal)}, the "
                         f"{len(larger)} others in its plane {direction_text(normal)}: a wrong "
@@ -129,10 +127,15 @@ def _facing_away(markers: Sequence[Marker]) -> list[Finding]:
 
 def _tilted(markers: Sequence[Marker], groups: list[list[int]]) -> list[Finding]:
     found = []
+    largest = [markers[i] for i in groups[0]]
     for group in groups:
         members = [markers[i] for i in group]
         if len(members) < _FEWEST:
-            if 10 * len(members) <= len(markers) and not _axis_parallel(members):
+            few = 10 * len(members) <= len(markers) or (
+                len(members) < len(largest) >= _FEWEST - 1
+                and all(_in_plane_of(largest, marker) for marker in members)
+            )
+            if few and not _axis_parallel(members):
                 names = ", ".join(str(m.id) for m in members)
                 text = (
                     f"marker {names} faces a way of its own, tilted {tilt_deg(members[0]):.1f} deg"
@@ -152,6 +155,14 @@ def _tilted(markers: Sequence[Marker], groups: list[list[int]]) -> list[Finding]
                 )
                 found.append(Finding("warning", "tilt", (marker.id,), text))
     return found
+
+
+def _in_plane_of(members: Sequence[Marker], marker: Marker) -> bool:
+    """Whether it is on the ceiling, floor or wall that they are on, whichever way it faces."""
+    normal = _middle_direction(members)
+    along = np.array([member.centre_m @ normal for member in members])
+    band = max(0.05, 3.0 * float(np.abs(along - np.median(along)).max(initial=0.0)))
+    return abs(float(marker.centre_m @ normal - np.median(along))) <= band
 
 
 def _axis_parallel(members: Sequence[Marker]) -> bool:

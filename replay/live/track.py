@@ -92,6 +92,7 @@ def track(
     attachments: Mapping[str, bytes] | None = None,
     on_result: Callable[[CapturedFrame, FrameResult], None] | None = None,
     on_status: Callable[[TrackStatus], None] | None = None,
+    display_missed: Callable[[], int] | None = None,
 ) -> Tracked:
     """Records `source` into `log` and tracks every frame that is in it, into the folder `folder`.
 
@@ -103,6 +104,7 @@ def track(
         attachments: `camera.yaml`, `map.yaml`, `truth.*` in place of those the source brings.
         on_result: called with each frame when it is tracked; must return at once.
         on_status: called ten times a second, from this thread.
+        display_missed: frames that `on_result` was given and nobody will see, so far.
 
     When tracking fails, the recording of a live source goes on.
 
@@ -148,6 +150,7 @@ def track(
                     min_free_bytes=options.min_free_bytes,
                     on_status=tell,
                     on_written=tracking.submit,
+                    display_missed=display_missed,
                 )
             wall_s = time.perf_counter() - started
             if isinstance(tracking.error, OSError):

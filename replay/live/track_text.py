@@ -5,20 +5,23 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from recorder.record_text import counts_text
+
 if TYPE_CHECKING:
     from replay.live.track import TrackStatus
 
 
 def status_text(status: TrackStatus) -> str:
     """One line, beside the number of frames and their rate."""
-    now, counts = status.situation, status.recording.counts
-    parts = [f"dropped {counts.dropped}", now.status, f"{now.n_used} markers"]
+    now = status.situation
+    parts = [counts_text(status.recording)]
+    if math.isfinite(status.latency.median_ms):
+        parts.append(f"latency {status.latency}")
+    parts += [now.status, f"{now.n_used} markers"]
     if math.isfinite(now.x_m):
         parts.append(f"x {now.x_m:.3f} y {now.y_m:.3f} m")
     if math.isfinite(now.yaw_rad):
         parts.append(f"yaw {math.degrees(now.yaw_rad):.1f}°")
-    if math.isfinite(status.latency.median_ms):
-        parts.append(f"latency {status.latency}")
     return ", ".join(parts)
 
 
