@@ -147,8 +147,9 @@ def record(
     SOURCE is a camera (/dev/video0, an RTSP or HTTP MJPEG URL), a video, a folder of images, a ROS
     bag, a scene.yaml or a shipped scene.
 
-    Calibration, map and truth go into the log as they are. Ctrl-C ends a recording; what is
-    recorded stays. A camera without --duration records until then: exit code 0. Frames that were dropped, late or corrupt are counted, on screen and in the log.
+    Calibration, map and truth go into the log as they are. Ctrl-C ends a recording; what is recorded
+    stays. A camera without --duration is recorded until then (exit code 0; else 130). Frames that
+    were dropped, late or corrupt are counted, on screen and in the log.
 
     While a live camera records in a terminal, keys mark waypoints: `3 Enter` arrived at 3, n the
     next, s stands still there until s is pressed again, u undoes, t takes a note, ? helps. With
