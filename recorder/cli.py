@@ -147,7 +147,7 @@ def record(
     SOURCE is a camera (/dev/video0, an RTSP or HTTP MJPEG URL), a video, a folder of images, a ROS
     bag, a scene.yaml or a shipped scene.
 
-    Calibration, map and truth go into the log as they are. Ctrl-C ends a recording; what is recorded
+    Calibration, map and truth go into the log as they are. Ctrl-C ends a recording; what is there
     stays. A camera without --duration is recorded until then (exit code 0; else 130). Frames that
     were dropped, late or corrupt are counted, on screen and in the log.
 

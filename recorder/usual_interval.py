@@ -13,22 +13,32 @@ REGULAR = 0.5
 SETTLED = 5
 # A camera that goes so much faster is no regular one.
 _AS_USUAL = 0.2
-# Frames that waited come behind a pause, and all but a few of them at once. Where no frame came at
-# its own time, but every so often many together, their mean is the usual one: of others only a
-# recording that lost four fifths of its frames looks like that.
-_SHORT = 0.5
-_AT_ONCE = 0.2
-_EXPLAINED = 0.9
-_QUANTILES = np.linspace(0.5, 0.99, 25)
+# A smaller share of regular intervals among regular ones tells nothing of the rate.
+_TOLD = 0.1
+_ROUNDS = 3
+# Candidates that are closer come to the same.
+_SAME = 1e-4
+# Where nothing is lost the mean is the usual one: it corrects a candidate by no more than that.
+_CORRECTION = 0.1
+# What is late for ever by so much lost a frame; the rest is what the candidate is off by.
+_LOST = 0.75
+# A frame can be late, but hardly early. That is as odd as so many odd intervals.
+_EARLY = 4.0
 
 
 def usual_interval_ns(
     steps_ns: NDArray[np.float64], numbers: NDArray[np.int64], adjoin: NDArray[np.bool_]
 ) -> float | None:
-    """From one frame number to the next: the median, without intervals that are off.
+    """From one frame number to the next, by the steady camera that explains the times best.
 
-    Where most intervals are of frames that made up for a pause, that of the others: it is told by
-    the pauses, which are as long as what follows them is short.
+    Its frames may come late, then several at once; each may be a little off its time; and some are
+    lost. Candidates are the medians over one interval, two, four and so on up to all: bursts do
+    not reach over the longer ones, and losses not into the shorter ones. The best is that with the
+    fewest odd intervals, frames lost and frames early: see `_oddness`.
+
+    What looks alike cannot be told: a camera of which every second frame is lost from start to end
+    is one of half the rate; one that gives a few frames quickly and then rests, over and over, is
+    one whose frames come in bursts, as far as it would have lost more than half of them.
 
     Args:
         steps_ns: (N,) between one frame and the next; those not above 0 are no intervals.
@@ -42,31 +52,20 @@ def usual_interval_ns(
     if np.count_nonzero(known) < NEEDED:
         return None
     each_ns = (steps_ns / numbers)[known]
-    # One of them, not the mean of two.
-    median_ns, *longer = np.quantile(each_ns, _QUANTILES, method="higher").tolist()
-    usual_ns = median_ns = _refined(each_ns, median_ns)
-    most = 0
-    # One between two kinds is not the usual one.
-    alone = np.count_nonzero(_regular(each_ns, median_ns)) < NEEDED
     there = adjoin & (steps_ns >= 0)
-    for longer_ns in (_refined(each_ns, each) for each in longer):
-        if longer_ns * _SHORT <= median_ns and not alone:
+    steps_ns, numbers = steps_ns[there], numbers[there]
+    found: list[tuple[float, float]] = []
+    tried: list[float] = []
+    for rough_ns in _medians(steps_ns, numbers):
+        if any(abs(rough_ns - other_ns) <= _SAME * other_ns for other_ns in tried):
             continue
-        regular = int(np.count_nonzero(_regular(each_ns, longer_ns)))
-        more = regular > max(most, NEEDED - 1)
-        if more and _explained(steps_ns, numbers, there, longer_ns, _SHORT):
-            usual_ns, most = longer_ns, regular
-    if usual_ns != median_ns:
-        return usual_ns
-    mean_ns = float(steps_ns[there].sum() / numbers[there].sum())
-    pauses = np.count_nonzero(each_ns > mean_ns / _SHORT)
-    if (
-        median_ns < _AT_ONCE * mean_ns
-        and pauses >= NEEDED
-        and _explained(steps_ns, numbers, there, mean_ns, _AT_ONCE)
-    ):
-        return mean_ns
-    return median_ns
+        refined_ns = _refined(each_ns, rough_ns)
+        tried += [rough_ns, refined_ns]
+        found.append((_oddness(steps_ns, numbers, refined_ns), refined_ns))
+        mean_ns = _mean_if_all_came(steps_ns, numbers, refined_ns)
+        if mean_ns and abs(mean_ns - refined_ns) <= _CORRECTION * refined_ns:
+            found.append((_oddness(steps_ns, numbers, mean_ns), mean_ns))
+    return min(found)[1]
 
 
 def waiting(late: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -83,26 +82,56 @@ def waiting(late: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.array(waits, dtype=bool)
 
 
-def _explained(
-    steps_ns: NDArray[np.float64],
-    numbers: NDArray[np.int64],
-    there: NDArray[np.bool_],
-    usual_ns: float,
-    short: float,
-) -> bool:
-    """Whether what is shorter than this makes up for a pause before it."""
-    fast = there & (steps_ns < short * usual_ns * numbers)
-    late = np.where(there, steps_ns / usual_ns - numbers, 0.0)
-    made_up = fast & waiting(late)
-    return int(np.count_nonzero(made_up)) >= _EXPLAINED * max(int(np.count_nonzero(fast)), 1)
+def never_made_up(lateness: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of each frame's lateness, what no later frame is free of."""
+    return np.minimum.accumulate(lateness[::-1])[::-1]
 
 
-def _regular(each_ns: NDArray[np.float64], usual_ns: float) -> NDArray[np.bool_]:
-    regular: NDArray[np.bool_] = np.abs(each_ns - usual_ns) <= REGULAR * usual_ns
-    return regular
+def _oddness(steps_ns: NDArray[np.float64], numbers: NDArray[np.int64], usual_ns: float) -> float:
+    """How odd the times are for this interval, in odd intervals."""
+    late = steps_ns / usual_ns - numbers
+    lateness = np.concatenate([[0.0], np.cumsum(late)])
+    odd = float(np.minimum(np.abs(late) / REGULAR, 1.0).sum())
+    lost = np.diff(never_made_up(lateness))
+    # One outage may have lost most of the frames: it alone makes no burst of the others.
+    odd += float(np.minimum(lost, len(late) / NEEDED).sum())
+    return odd - _EARLY * float(lateness.min())
+
+
+def _mean_if_all_came(
+    steps_ns: NDArray[np.float64], numbers: NDArray[np.int64], usual_ns: float
+) -> float | None:
+    """From one frame that was not late to another, as far apart as they are."""
+    lateness = np.concatenate([[0.0], np.cumsum(steps_ns / usual_ns - numbers)])
+    part = len(lateness) // 4
+    first = int(np.argmin(lateness[:part]))
+    last = len(lateness) - 1 - int(np.argmin(lateness[: -part - 1 : -1]))
+    if (np.diff(never_made_up(lateness[first : last + 1])) >= _LOST).any():
+        return None
+    return float(steps_ns[first:last].sum()) / float(numbers[first:last].sum())
+
+
+def _medians(steps_ns: NDArray[np.float64], numbers: NDArray[np.int64]) -> list[float]:
+    """Of one interval, two, four and so on; and the mean of all."""
+    times_ns = np.concatenate([[0.0], np.cumsum(steps_ns)])
+    ticks = np.concatenate([[0], np.cumsum(numbers)])
+    widths = [2**i for i in range(len(steps_ns).bit_length())] + [len(steps_ns)]
+    each_ns = ((times_ns[n:] - times_ns[:-n]) / (ticks[n:] - ticks[:-n]) for n in widths)
+    # One of them, not the mean of two.
+    medians = (float(np.partition(each, len(each) // 2)[len(each) // 2]) for each in each_ns)
+    return [median_ns for median_ns in medians if median_ns > 0]
 
 
 def _refined(each_ns: NDArray[np.float64], usual_ns: float) -> float:
-    """Those that lack frames make it too long."""
-    regular = _regular(each_ns, usual_ns)
-    return float(np.median(each_ns[regular])) if regular.any() else usual_ns
+    """The median of regular intervals among regular ones, if there are any.
+
+    One behind a burst is too short by what the burst was late; those that lack frames are too long.
+    """
+    for _ in range(_ROUNDS):
+        regular = np.abs(each_ns - usual_ns) <= REGULAR * usual_ns
+        around = np.concatenate([[True], regular, [True]])
+        regular &= around[:-2] & around[2:]
+        if np.count_nonzero(regular) < _TOLD * len(each_ns):
+            break
+        usual_ns = float(np.median(each_ns[regular]))
+    return usual_ns

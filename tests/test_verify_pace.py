@@ -213,6 +213,122 @@ def test_a_stream_that_only_comes_in_bursts_loses_nothing() -> None:
     assert found.lost.sum() == 0
 
 
+def queued(ready_s: NDArray[np.float64], apart_s: float) -> NDArray[np.float64]:
+    """When they come: in order, none before it is ready, and `apart_s` from each other or more."""
+    waits_s = apart_s * np.arange(len(ready_s))
+    came_s: NDArray[np.float64] = np.maximum.accumulate(ready_s - waits_s) + waits_s
+    return came_s
+
+
+def taken_s(rng: np.random.Generator, frames: int, jitter: float) -> NDArray[np.float64]:
+    """30 frames/s, each a little off its time, but by no more than a fifth of the interval."""
+    off = np.clip(jitter * rng.standard_normal(frames), -0.2, 0.2)
+    return (np.arange(frames) + off) / 30
+
+
+def bursts(
+    rng: np.random.Generator, frames: int, held: int, of: int, apart_s: float, jitter: float
+) -> NDArray[np.float64]:
+    """The first `held` of each `of` come when the last of them does; begun and ended anywhere."""
+    frames = of * (-(-frames // of) + 1)
+    ready_s = taken_s(rng, frames, jitter)
+    place = np.arange(frames) % of
+    ready_s = np.where(place < held, ready_s[np.arange(frames) - place + held - 1], ready_s)
+    first, behind = rng.integers(of, size=2)
+    return queued(ready_s, apart_s)[first : frames - behind]
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.02, 0.1, 0.2])
+@pytest.mark.parametrize("apart_s", [0.0001, 0.001, 0.003, 0.008, 0.01])
+def test_bursts_lose_nothing_however_many_frames_are_in_them(apart_s: float, jitter: float) -> None:
+    """All frames of each burst, all but one, most, some or only two; also with lost numbers."""
+    rng = np.random.default_rng(6)
+    for of in (2, 3, 4, 5, 8, 10, 15, 30, 60):
+        for held in {2, of // 2, of // 2 + 1, 4 * of // 5, of - 2, of - 1, of} - {-1, 0, 1}:
+            times_s = bursts(rng, int(rng.integers(12 * of + 200, 3000)), held, of, apart_s, jitter)
+            lacking = rng.random(len(times_s)) < rng.choice([0, rng.uniform(0.01, 0.3)])
+            found = at(times_s[~lacking], np.flatnonzero(~lacking))
+            case = (held, of, len(times_s), int(lacking.sum()))
+            assert found.usual_ns == pytest.approx(1e9 / 30, rel=0.05), case
+            # One may be late by half of an interval for its jitter alone.
+            assert found.lost.sum() <= (1 if jitter else 0), case
+
+
+@pytest.mark.parametrize(("held", "of", "apart_s"), [(28, 30, 1e-3), (15, 30, 1e-3), (9, 10, 1e-3)])
+def test_a_log_that_mostly_comes_in_bursts_lacks_none(
+    tmp_path: Path, held: int, of: int, apart_s: float
+) -> None:
+    path = log_at(
+        tmp_path / "log.mcap", bursts(np.random.default_rng(0), 900, held, of, apart_s, 0)
+    )
+    verdict = verify([path], decode=False)
+    assert rule(verdict, "gaps").level == "ok"
+    # But its stamps are no times of capture.
+    assert rule(verdict, "rate").level == "failed"
+    assert rule(verdict, "rate").values["rate_hz"] == pytest.approx(30, rel=0.01)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.floats(0.05, 0.9),
+    st.floats(3, 40),
+    st.floats(0.0001, 0.01),
+    st.floats(0.0, 0.1),
+)
+def test_bursts_of_any_length_lose_nothing(
+    seed: int, share: float, mean: float, apart_s: float, jitter: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    ready_s = taken_s(rng, 3000, jitter)
+    first = 0
+    while first < len(ready_s):
+        last = min(first + 1 + int(rng.exponential(mean)), len(ready_s) - 1)
+        ready_s[first : last + 1] = ready_s[last]
+        first = last + 1 + int(rng.exponential(mean * (1 - share) / share))
+    found = at(queued(ready_s, apart_s))
+    assert found.usual_ns == pytest.approx(1e9 / 30, rel=0.05)
+    # Where hardly a frame comes at its own time the rate is no better known than that.
+    assert found.lost.sum() <= 0.005 * len(ready_s)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.floats(0.0, 0.1))
+def test_a_few_outages_are_counted_however_long_they_are(
+    seed: int, outages: int, jitter: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    steps = np.ones(1000)
+    steps[rng.choice(np.arange(20, 980), outages, replace=False)] += rng.integers(1, 500, outages)
+    off = np.clip(jitter * rng.standard_normal(1000), -0.2, 0.2)
+    found = at((np.cumsum(steps) + off) / 30)
+    assert found.usual_ns == pytest.approx(1e9 / 30, rel=0.02)
+    # As well as the rate is known.
+    assert found.lost.sum() == pytest.approx(steps.sum() - 1000, rel=0.03, abs=1)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.25, 0.4])
+def test_every_second_frame_of_a_stretch_is_as_of_a_camera_in_the_dark(share: float) -> None:
+    rng = np.random.default_rng(2)
+    for first in rng.integers(0, int(2000 * (1 - share)), 20):
+        gone = np.arange(first, first + int(2000 * share), 2)
+        found = at(np.delete(taken_s(rng, 2000, 0.05), gone))
+        assert found.usual_ns == pytest.approx(1e9 / 30, rel=0.05)
+        assert found.lost.sum() <= 2
+
+
+def test_few_frames_tell_their_rate_too() -> None:
+    rng = np.random.default_rng(3)
+    for frames in range(9, 41):
+        found = at(taken_s(rng, frames, 0.05))
+        assert found.usual_ns == pytest.approx(1e9 / 30, rel=0.05)
+        assert found.lost.sum() == 0
+    for frames in range(14, 41):
+        gone = rng.choice(np.arange(4, frames - 4), frames // 10, replace=False)
+        found = at(np.delete(taken_s(rng, frames, 0.02), gone))
+        assert abs(int(found.lost.sum()) - len(gone)) <= 1
+
+
 @pytest.mark.parametrize("before", [5, 60, 180])
 def test_an_outage_is_not_taken_for_a_stall(before: int) -> None:
     """Two thirds are missing: the frames behind it come at the usual time."""
@@ -267,9 +383,9 @@ def test_the_limit_is_what_stamps_have_that_say_nothing() -> None:
     rng = np.random.default_rng(4)
     found = at((np.arange(40_000) + rng.random(40_000)) / 30)
     assert found.off.mean() == pytest.approx(0.25, abs=0.01)
-    # Frames at any time at all: exponential intervals, of which the median is the usual one.
+    # Frames at any time at all: exponential intervals, of which the mean is the usual one.
     found = at(np.cumsum(rng.exponential(1 / 30, 40_000)))
-    assert found.off.mean() == pytest.approx(1 - 2**-0.5 + 2**-1.5, abs=0.02)
+    assert found.off.mean() == pytest.approx(1 - np.exp(-0.5) + np.exp(-1.5), abs=0.02)
 
 
 @pytest.mark.parametrize(("still", "level"), [(1, "warning"), (10, "warning"), (11, "failed")])

@@ -6,15 +6,23 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_opening, median_filter
+from scipy.ndimage import binary_opening, median_filter, uniform_filter1d
 
-from recorder.usual_interval import REGULAR, SETTLED, usual_interval_ns, waiting
+from recorder.usual_interval import (
+    REGULAR,
+    SETTLED,
+    never_made_up,
+    usual_interval_ns,
+    waiting,
+)
 
 # In the dark a camera exposes for longer, and halves its rate: for a while that is no loss. A while
-# is as long as so many intervals, its rate their median, and another one from a quarter on.
+# is as long as so many intervals, its rate their median, and another one from a quarter on. Most
+# of them have that rate; else some come in bursts.
 _WHILE = 31
 _OTHER = 1.25
 _HALVED = 2.25
+_MOST = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +36,7 @@ class Pace:
         passed: (N - 1,) how many expected intervals passed: two where one frame is missing.
         off: (N - 1,) further than half an interval from what the frame numbers say.
         there: (N - 1,) whether there is one.
-        lost: (N - 1,) frames that did not come, beyond those that the frame numbers lack; told at
-            the longest of the intervals that lack them.
-        lossy: (N - 1,) intervals that lack them.
+        lost: (N - 1,) frames that did not come, beyond those that the frame numbers lack.
     """
 
     usual_ns: float
@@ -39,7 +45,12 @@ class Pace:
     off: NDArray[np.bool_]
     there: NDArray[np.bool_]
     lost: NDArray[np.int64]
-    lossy: NDArray[np.bool_]
+
+    @property
+    def lossy(self) -> NDArray[np.bool_]:
+        """(N - 1,) intervals that lack frames."""
+        lossy: NDArray[np.bool_] = self.lost > 0
+        return lossy
 
     @property
     def changed(self) -> NDArray[np.bool_]:
@@ -67,7 +78,9 @@ def pace_of(
     each_ns = steps_ns / numbers
     local_ns = median_filter(np.where(known, each_ns, usual_ns), _WHILE, mode="nearest")
     ratio = np.maximum(local_ns / usual_ns, usual_ns / local_ns)
-    changed = binary_opening((ratio > _OTHER) & (ratio < _HALVED), np.ones(_WHILE))
+    as_there = (np.abs(each_ns - local_ns) <= REGULAR * local_ns).astype(np.float64)
+    steady = uniform_filter1d(as_there, _WHILE, mode="nearest") > _MOST
+    changed = binary_opening((ratio > _OTHER) & (ratio < _HALVED) & steady, np.ones(_WHILE))
     slower = changed & (local_ns > usual_ns)
     waited = waiting(np.where(adjoin & ~slower, steps_ns / usual_ns - numbers, 0.0))
     # Frames that waited come at another rate than the camera's.
@@ -77,22 +90,20 @@ def pace_of(
     passed = steps_ns / expected_ns
     late = np.where(adjoin, passed - numbers, 0.0)
     off = np.abs(late) > REGULAR
-    lost, lossy = _lost(late, off | catching_up)
-    return Pace(usual_ns, expected_ns, passed, off, adjoin, lost, lossy)
+    lost = _lost(late, off | catching_up)
+    return Pace(usual_ns, expected_ns, passed, off, adjoin, lost)
 
 
-def _lost(
-    late: NDArray[np.float64], irregular: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """By how many frames the others are later behind each irregular stretch than before it.
+def _lost(late: NDArray[np.float64], irregular: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """By how many frames all others are later, in and behind each irregular stretch.
 
     What comes too early without a stamp that jumps back had waited since a stretch before: it is
     not lost there.
     """
-    lost, lossy = np.zeros(len(late), np.int64), np.zeros(len(late), bool)
+    lost = np.zeros(len(late), np.int64)
     places = np.flatnonzero(irregular)
     if not len(places):
-        return lost, lossy
+        return lost
     breaks = np.flatnonzero(np.diff(places) > SETTLED)
     firsts = places[np.concatenate([[0], breaks + 1])]
     lasts = places[np.concatenate([breaks, [len(places) - 1]])]
@@ -100,19 +111,51 @@ def _lost(
     # Each of them may be a little off.
     around = np.arange(SETTLED)
     before = np.median(lateness[np.maximum(firsts[:, None] - around, 0)], axis=1)
-    behind = np.minimum(lasts[:, None] + 1 + around, len(late))
-    later = np.rint(np.median(lateness[behind], axis=1) - before).astype(np.int64)
+    behind = np.median(lateness[np.minimum(lasts[:, None] + 1 + around, len(late))], axis=1)
     holes: list[int] = []
-    for first, last, frames in zip(firsts, lasts, later, strict=True):
-        if frames > 0:
-            holes.append(first + int(np.argmax(late[first : last + 1])))
-            lost[holes[-1]] = frames
-            lossy[first : last + 1] = True
-        early = -int(frames) if (late[first : last + 1] >= -1).all() else 0
+    longest = 0.0
+    for first, last, start, end in zip(firsts, lasts, before, behind, strict=True):
+        inside = slice(first, last + 1)
+        stretch = np.concatenate([[start], lateness[first + 1 : last + 1], [end]])
+        if last + SETTLED >= len(late):
+            stretch = _without_cut_off(stretch, longest)
+        stays = never_made_up(stretch)
+        longest = max(longest, float((stretch - stays).max()))
+        # The first frames of all may be late themselves.
+        base = stays[0] if first < SETTLED and stays[0] < start - REGULAR else start
+        lost[inside] = np.diff(np.rint(np.maximum(stays - base, 0.0))).astype(np.int64)
+        holes += (first + np.flatnonzero(lost[inside])).tolist()
+        early = round(float(start - end)) if (late[inside] >= -1).all() else 0
         while early > 0 and holes:
             found = min(early, int(lost[holes[-1]]))
             lost[holes[-1]] -= found
             early -= found
             if not lost[holes[-1]]:
-                lossy[holes.pop()] = False
-    return lost, lossy
+                holes.pop()
+    return lost
+
+
+def _without_cut_off(lateness: NDArray[np.float64], longest: float) -> NDArray[np.float64]:
+    """As before the last pause, if the log ended before its frames had all come.
+
+    They were still coming in a burst, less late than any since; or hardly any had come, and others
+    made up for as long.
+    """
+    end = len(lateness)
+    while True:
+        stays = never_made_up(lateness[:end])
+        pauses = np.flatnonzero(np.diff(stays) > REGULAR / 2)
+        if not len(pauses):
+            break
+        at = int(pauses[-1])
+        came = np.diff(lateness[at + 1 : end])
+        if len(came) < SETTLED:
+            made_up = max(longest, float((lateness[:end] - stays)[: at + 1].max()))
+            coming = float(lateness[at + 1] - lateness[at]) - REGULAR <= made_up > REGULAR
+        else:
+            least = float(lateness[at + 1 : end - SETTLED].min())
+            coming = bool(np.median(came[-SETTLED:]) < -REGULAR and lateness[end - 1] < least - 1)
+        if not coming:
+            break
+        end = at + 1
+    return np.where(np.arange(len(lateness)) < end, lateness, lateness[end - 1])
