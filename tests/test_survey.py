@@ -362,6 +362,24 @@ def test_a_marker_fixed_where_it_is_not() -> None:
     assert f"; the images contradict {found.contradicted[0]}" in header
 
 
+def test_what_is_fixed_and_no_better_than_the_rest_spoils_the_map() -> None:
+    """Then it is better to fix nothing, as README and report say."""
+    gains = []
+    for seed in range(4):
+        true = misplaced(HAND, 100 + seed, fixed=frozenset())
+        before = rms_m(HAND, true, frozenset())
+        for fixed in (frozenset[int](), FIXED):
+            sightings = seen(true, HAND, loop(16), sigma_px=0.2, fixed=fixed)
+            found = survey(sightings, CAMERA, HAND, SurveyOptions(fixed))
+            gains.append(before / rms_m(found.refined, true, frozenset()))
+    free, held = np.reshape(gains, (-1, 2)).T
+    assert (free > held).all()
+    assert free.min() > 1.8
+    assert held.max() < 2.5
+    told = survey_text(found, FrameCount())
+    assert "fix what was measured much better than the rest, or nothing" in told
+
+
 def test_a_marker_of_another_size() -> None:
     """Its corners fit nowhere: it is named as such, and does not bend the map."""
     true = misplaced(HAND, 13)

@@ -65,7 +65,10 @@ def _findings(survey: Survey, count: FrameCount) -> list[str]:
     ]
     fixed = [marker.id for marker in survey.markers if marker.fixed]
     if fixed:
-        lines.append(f"uncertainties are relative to what is fixed: {listed(fixed)}")
+        lines.append(
+            f"uncertainties are relative to what is fixed: {listed(fixed)}. Its own errors are the "
+            "whole map's: fix what was measured much better than the rest, or nothing"
+        )
     else:
         lines.append(
             "nothing that was seen is fixed: as a whole the map is where the hand measurements have"
