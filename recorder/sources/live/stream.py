@@ -18,7 +18,7 @@ _LOOK_S = 10.0
 # Silence of a connection that counts as its loss.
 SILENCE_S = 10.0
 _FIRST_PAUSE_S = 0.5
-_LONGEST_PAUSE_S = 2.0
+_LONGEST_PAUSE_S = 1.0
 _STOP_POLL_S = 0.1
 
 
