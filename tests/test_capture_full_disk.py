@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import subprocess
 import threading
 import time
 from collections.abc import Iterator
@@ -27,24 +26,14 @@ from recorder.sources.base import CapturedFrame
 from tests.capture_helpers import end_of, indices_of
 from tests.live_sources import LiveScript, now_frames
 from tests.log_helpers import images
+from tests.small_disks import mounted
 from tests.test_log_broken import SmallDisk
 
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    folder = tmp_path / "small"
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=12m", "tmpfs", str(folder)]
-    try:
-        done = subprocess.run(mount, capture_output=True, check=False)
-    except OSError:
-        pytest.skip("no mount here")
-    if done.returncode:
-        pytest.skip("no file system can be mounted here")
-    try:
+    with mounted(tmp_path / "small", 12) as folder:
         yield folder
-    finally:
-        subprocess.run(["umount", str(folder)], check=True)
 
 
 def test_a_recording_stops_before_the_disk_is_full(small_disk: Path) -> None:

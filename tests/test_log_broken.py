@@ -20,6 +20,7 @@ from recorder.log.reader import LogReader
 from recorder.log.writer import LogWriter
 from recorder.sources.base import CapturedFrame
 from tests.log_helpers import attachments, frame, images, same_image, write_log
+from tests.small_disks import mounted
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -281,23 +282,14 @@ def test_a_disk_without_space_for_a_start_gets_no_log(tmp_path: Path) -> None:
 
 def test_a_small_file_system_fills_up(tmp_path: Path) -> None:
     """The same on a real one, where it can be mounted."""
-    folder = tmp_path / "small"
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=5m", "tmpfs", str(folder)]
-    try:
-        done = subprocess.run(mount, capture_output=True, check=False)
-    except OSError:
-        pytest.skip("no mount here")
-    if done.returncode:
-        pytest.skip("no file system can be mounted here")
-    path = folder / "log.mcap"
+    with mounted(tmp_path / "small", 5) as folder:
+        path = folder / "log.mcap"
 
-    def run() -> None:
-        with LogWriter(path, attachments=attachments(), session={}) as writer:
-            for i in range(1000):
-                writer.write_frame(frame(i, size=50_000))
+        def run() -> None:
+            with LogWriter(path, attachments=attachments(), session={}) as writer:
+                for i in range(1000):
+                    writer.write_frame(frame(i, size=50_000))
 
-    try:
         with pytest.raises(DiskFullError):
             run()
         with LogReader(path) as log:
@@ -307,8 +299,6 @@ def test_a_small_file_system_fills_up(tmp_path: Path) -> None:
             assert log.cut_short is None
             assert log.metadata["session_end"]["ended"] == "disk_full"
         assert [p.name for p in folder.iterdir()] == ["log.mcap"]
-    finally:
-        subprocess.run(["umount", str(folder)], check=True)
 
 
 _ENDLESS = """\

@@ -32,6 +32,7 @@ from replay.viewer.output import NotWrittenError, RecordingFile
 from tests.log_helpers import images
 from tests.picture_server import ATTACHMENTS, pictures
 from tests.rrd_files import rows
+from tests.small_disks import mounted
 from tests.test_track import Camera
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -43,20 +44,9 @@ FULL = "No space left on device"
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
     """About 2 MB are free."""
-    folder = tmp_path / "small"
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=6m", "tmpfs", str(folder)]
-    try:
-        done = subprocess.run(mount, capture_output=True, check=False)
-    except OSError:
-        pytest.skip("no mount here")
-    if done.returncode:
-        pytest.skip("no file system can be mounted here")
-    try:
+    with mounted(tmp_path / "small", 6) as folder:
         (folder / "fill").write_bytes(bytes(3_900_000))
         yield folder
-    finally:
-        subprocess.run(["umount", str(folder)], check=True)
 
 
 @pytest.fixture
