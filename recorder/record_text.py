@@ -21,9 +21,9 @@ def status_text(status: Status) -> str:
     """One line on how the recording stands, beside the number of frames and their rate."""
     parts = [
         counts_text(status),
+        f"queue {status.queued_frames}",
         size_text(status.bytes_written),
         f"{size_text(status.free_bytes)} free",
-        f"queue {status.queued_frames}",
     ]
     return ", ".join(parts)
 
@@ -32,6 +32,8 @@ def counts_text(status: Status) -> str:
     """What went wrong with frames so far; the first that a line says, as it may be cut."""
     counts = status.counts
     parts = [f"dropped {counts.dropped}", f"late {counts.late}", f"corrupt {counts.corrupt}"]
+    if status.lost_s is not None:
+        parts.insert(0, f"camera lost for {status.lost_s:.0f} s")
     if counts.stamped_back:
         parts.append(f"stamped back {counts.stamped_back}")
     if status.display_dropped:
@@ -60,6 +62,8 @@ def summary_text(summary: RecordSummary) -> str:
 
 def exit_code(summary: RecordSummary, *, endless: bool) -> int:
     """`endless`: it was to go on until somebody stops it, which is no failure then."""
+    if summary.outages.at_end:
+        return 1
     if summary.ended == "interrupted":
         return 0 if endless and summary.frames_written else 130
     return 0 if summary.ended == "complete" else 1
@@ -69,7 +73,7 @@ def ending_text(summary: RecordSummary, *, endless: bool = False) -> str | None:
     """Why the recording ended early; None where it did not."""
     if exit_code(summary, endless=endless) == 0:
         return None
-    if summary.ended == "interrupted":
+    if summary.ended == "interrupted" and not summary.outages.at_end:
         return "Interrupted." + (
             " The log is complete up to here." if summary.frames_written else ""
         )
@@ -82,6 +86,8 @@ def ending_text(summary: RecordSummary, *, endless: bool = False) -> str | None:
         )
     if summary.ended == "failed":
         return f"Error: {summary.problem}"
+    if summary.outages.at_end:
+        return "Error: the camera was lost; the log is complete up to then"
     return None
 
 

@@ -122,7 +122,7 @@ def _track(
     from replay.live.sink import live_view
     from replay.live.track import TrackOptions
     from replay.live.track import track as track_source
-    from replay.live.track_text import status_text
+    from replay.live.track_text import situation_text, status_text
     from replay.naming import result_folders, result_name
     from replay.result import check_free
     from replay.run import ReplayOptions
@@ -154,7 +154,12 @@ def _track(
 
         def show(status: TrackStatus) -> None:
             recording = status.recording
-            progress.show(recording.counts.written, status_text(status), recording.told)
+            progress.show(
+                recording.counts.written,
+                status_text(status),
+                recording.told,
+                situation_text(status.situation),
+            )
 
         tracked = track_source(
             opened,

@@ -292,6 +292,9 @@ def test_another_size_is_left_to_the_log() -> None:
 def test_a_password_is_not_shown() -> None:
     assert without_password("http://me:secret@cam:80/x?y=1") == "http://me:***@cam:80/x?y=1"
     assert without_password("http://cam/x@y") == "http://cam/x@y"
+    assert without_password("http://cam:80/x@y") == "http://cam:80/x@y"
+    assert without_password("http://[::1]:80/x@y") == "http://[::1]:80/x@y"
+    assert without_password("http://me:a/b@cam/x") == "http://me:***@cam/x"
     shown = without_password("http://cam/v.cgi?user=me&pwd=secret&rate=0")
     assert shown == "http://cam/v.cgi?user=me&pwd=***&rate=0"
     with MjpegServer(Script()) as server:
@@ -359,6 +362,12 @@ def test_a_stamp_that_is_none_is_the_arrival(stamp_ns: int | None) -> None:
     found = next(iter(camera.frames()))
     camera.stop()
     assert found.timestamp_ns == 7 * 10**18
+
+
+def test_a_password_with_a_slash_is_helped_with() -> None:
+    with pytest.raises(InputError, match=r"in a password / is %2F") as error:
+        http_camera("http://me:se/cret@127.0.0.1:9/stream")
+    assert "cret" not in str(error.value)
 
 
 def test_a_path_may_have_any_letters() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import sys
 import time
 from dataclasses import replace
@@ -14,7 +15,7 @@ from recorder.capture.outages import OutageClock
 from recorder.log.reader import LogReader
 from recorder.record import record
 from recorder.record_progress import RecordProgress
-from recorder.record_text import summary_text
+from recorder.record_text import ending_text, exit_code, status_text, summary_text
 from recorder.sources.base import SourceEvent
 from tests.live_sources import Item, LiveScript, now_frames
 
@@ -40,6 +41,36 @@ def test_outages_are_added_up(monkeypatch: pytest.MonkeyPatch) -> None:
     clock.tell(connected=False, silent_s=0.0)
     now[0] = 111.0
     assert (clock.outages.count, clock.outages.seconds, clock.outages.at_end) == (2, 14.5, True)
+
+
+def test_a_lost_camera_is_on_screen_while_it_lasts_and_in_the_exit_code(tmp_path: Path) -> None:
+    frames = list(now_frames(12))
+    said: list[str] = []
+    items: list[Item] = [*frames[:4], event("lost", False, 10.0), *frames[4:]]
+    summary = record(
+        LiveScript(items, rate_hz=20),
+        tmp_path / "a.mcap",
+        on_status=lambda s: said.append(status_text(s)),
+    )
+    assert re.match(r"camera lost for 1\d s, dropped 0, late ", said[-1])
+    assert any(text.startswith("dropped 0, late ") for text in said)
+    assert [exit_code(summary, endless=endless) for endless in (True, False)] == [1, 1]
+    assert ending_text(summary) == "Error: the camera was lost; the log is complete up to then"
+    items = [*frames[:4], event("lost", False, 10.0), event("back", True, 10.5), *frames[4:]]
+    summary = record(LiveScript(items), tmp_path / "b.mcap")
+    assert exit_code(summary, endless=False) == 0
+
+
+def test_the_rate_is_that_of_the_last_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    progress = RecordProgress("record", None)
+    rates = []
+    for i in range(100):
+        now[0] += 0.1
+        rates.append(progress._rate_hz(3 * min(i, 49)))
+    assert rates[40] == pytest.approx(30)
+    assert rates[-1] == 0
 
 
 def test_lost_connections_are_in_the_summary_and_in_the_log(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 import yaml
 from click.testing import CliRunner, Result
 
+from pipeline.geometry import Pose
 from pipeline.localizer import PipelineSettings
 from pipeline.markers import Marker, MarkerMap
 from recorder.errors import InputError
@@ -256,6 +257,28 @@ def test_a_map_of_another_place_gives_no_map(site: Path, tmp_path: Path) -> None
     assert isinstance(done.exception, InputError)
     assert "other.yaml: expected a map in which most images" in str(done.exception)
     assert "of 16 without one: is it of this place" in str(done.exception)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("seed", [3, 13])
+def test_a_map_in_millimetres_gives_no_map(seed: int, tmp_path: Path) -> None:
+    """Its sides are in metres; where few corners fit, the edges alone would not tell."""
+    sample = ROOT / "logs" / "sample.mcap"
+    with LogReader(sample) as log:
+        told = log.marker_map()
+    assert told is not None
+    rng = np.random.default_rng(seed)
+    poses = [
+        Pose(m.T_map_marker.rotation, 1000 * (m.T_map_marker.translation + rng.normal(0, 0.01, 3)))
+        for m in told.markers
+    ]
+    markers = (
+        Marker.from_pose(m.id, p, m.size_m) for m, p in zip(told.markers, poses, strict=True)
+    )
+    path, out = tmp_path / "rough.yaml", tmp_path / "refined.yaml"
+    path.write_bytes(map_yaml(replace(told, markers=tuple(markers))))
+    done = run(sample, "--map", path, "-o", out)
+    assert isinstance(done.exception, InputError)
     assert not out.exists()
 
 

@@ -33,7 +33,7 @@ from recorder.verify.run import verify
 from replay.live.gate import Admission, gated
 from replay.live.latency import Latencies, Latency
 from replay.live.track import Tracked, TrackOptions, TrackStatus, track
-from replay.live.track_text import latency_text, status_text
+from replay.live.track_text import latency_text, situation_text, status_text
 from replay.result import open_result
 from replay.result_run import ResultRun
 from replay.run import ReplayOptions, replay
@@ -121,11 +121,12 @@ def test_what_a_camera_gives_is_tracked_as_a_replay_would(tmp_path: Path) -> Non
     assert 1.0 < latency["median"] <= latency["p95"] <= latency["max"] < 2000.0
     assert (latency["from"], latency["clock"]) == ("capture", "server (X-Timestamp of each part)")
     assert "latency from capture to track, ms: median" in latency_text(latency)
-    last = status_text(states[-1])
     assert re.fullmatch(
-        r"dropped 0, late \d+, corrupt 0, latency \d+/\d+/\d+ ms, ok, 1\d markers, "
-        r"x -?\d\.\d{3} y -?\d\.\d{3} m, yaw -?\d+\.\d°",
-        last,
+        r"dropped 0, late \d+, corrupt 0, latency \d+/\d+/\d+ ms", status_text(states[-1])
+    )
+    assert re.fullmatch(
+        r"ok, 1\d markers, x -?\d\.\d{3} y -?\d\.\d{3} m, yaw -?\d+\.\d°",
+        situation_text(states[-1].situation),
     )
     # The first tracker's position, and the pose's heading.
     result = open_result(tmp_path / "live")
@@ -470,6 +471,7 @@ def test_what_is_counted_and_the_latency_have_room_and_what_is_not_shown_is_in_t
         with Terminal([*command, "--live", f"127.0.0.1:{port}"], columns=80) as terminal:
             terminal.wait_for(r"not shown [1-9]\d*")
             terminal.wait_for(r"dropped 0, late \d+, corrupt 0")
+            terminal.wait_for(r"ok, \d+ markers, x -?\d\.\d{3} y -?\d\.\d{3} m, yaw -?\d+\.\d°")
             time.sleep(1.0)
             terminal.press("\x03")
             assert terminal.wait() == 0

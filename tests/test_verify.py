@@ -447,6 +447,14 @@ def test_images_of_several_sizes(tmp_path: Path, count: int, level: str, text: s
     assert rule(verify([path]), "calibration").level == "ok"
 
 
+def test_quick_takes_the_recorders_word_for_what_it_does_not_look_at(tmp_path: Path) -> None:
+    for said, level in (("0", "ok"), ("1", "failed")):
+        path = log_of(tmp_path / f"{said}.mcap", said={"frames_corrupt": said}, live=True)
+        found = rule(verify([path], decode=False), "images")
+        assert found.level == level
+    assert found.text == "1 frame corrupt by the recorder's count, 2.5 % (limit 1 %)"
+
+
 def test_no_images(tmp_path: Path) -> None:
     path = log_of(tmp_path / "log.mcap", count=0)
     assert_only(path, "images", "failed", "there are none")

@@ -45,6 +45,12 @@ class OutageClock:
             self._since_s = time.monotonic() - silent_s
 
     @property
+    def lasts_s(self) -> float | None:
+        """For how long nothing has come over a lost connection; None while there is one."""
+        since_s = self._since_s
+        return None if since_s is None else time.monotonic() - since_s
+
+    @property
     def outages(self) -> Outages:
         """Up to now."""
         if self._since_s is None:

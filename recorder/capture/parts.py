@@ -228,4 +228,8 @@ def _refuse_existing(path: Path) -> None:
     own."""
     for found in sorted(path.parent.glob(f"{path.stem}-*{path.suffix}")):
         if found.stem.removeprefix(f"{path.stem}-").isdecimal():
-            raise InputError(path, f"expected a name whose parts do not exist, found {found.name}")
+            raise InputError(
+                path,
+                f"expected a name whose parts do not exist, found {found.name} "
+                "(--force replaces no parts: give another name, or remove them)",
+            )

@@ -37,6 +37,7 @@ class Status:
         display_dropped: frames that viewers missed.
         queued_frames: frames that wait to be written; `queued_bytes` are theirs.
         free_bytes: on the disk.
+        lost_s: for how long the connection has been lost; None where it is not.
         told: the warnings and errors since the status before.
     """
 
@@ -47,6 +48,7 @@ class Status:
     bytes_written: int
     free_bytes: int
     told: tuple[str, ...] = ()
+    lost_s: float | None = None
 
 
 class Recording:
@@ -117,7 +119,7 @@ class Recording:
 
         def tell() -> None:
             if on_status is not None:
-                on_status(self._status(writer, guard))
+                on_status(self._status(writer, guard, log.outages.lasts_s))
 
         for thread in (sync, inspection, *self._sinks, log, source):
             if thread is not None:
@@ -173,7 +175,7 @@ class Recording:
                     sink.close(0)
             tell()
 
-    def _status(self, writer: PartsWriter, guard: DiskGuard) -> Status:
+    def _status(self, writer: PartsWriter, guard: DiskGuard, lost_s: float | None) -> Status:
         untold = self._queue.lost_frames + writer.log.announced_dropped
         return Status(
             counts=writer.counts + FrameCounts(dropped=untold),
@@ -183,6 +185,7 @@ class Recording:
             bytes_written=writer.bytes_written,
             free_bytes=guard.free_bytes,
             told=writer.log.take_told(),
+            lost_s=lost_s,
         )
 
 

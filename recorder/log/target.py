@@ -46,6 +46,8 @@ class Target:
                 made.
         """
         self.path = path
+        if not path.parent.is_dir():
+            raise InputError(path, f"expected the folder {path.parent}, found none")
         with _alone_in(path.parent):
             self._before = _state(path)
             self.written_to = _name_for(path, force)

@@ -29,6 +29,9 @@ def images(facts: Facts) -> Verdict:
         return failed("images", "there are none")
     other = sum(facts.sizes.values()) - max(facts.sizes.values(), default=0)
     bad = len(facts.faults) + other
+    counted_then = facts.said("frames_corrupt") or 0
+    if not facts.decoded and counted_then > bad:
+        return _told_corrupt(counted_then, len(facts.indices))
     percent = 100 * bad / len(facts.indices)
     values = {"frames_corrupt": bad, "percent_corrupt": percent}
     if not bad:
@@ -48,6 +51,15 @@ def images(facts: Facts) -> Verdict:
     text += f"(limit {CORRUPT_PERCENT:g} %), {'; '.join(details)}"
     level = failed if percent > CORRUPT_PERCENT else warning
     return level("images", text, **values)
+
+
+def _told_corrupt(bad: int, images: int) -> Verdict:
+    """What the recorder found inside images that are not decoded now."""
+    percent = 100 * bad / images
+    level = failed if percent > CORRUPT_PERCENT else warning
+    text = f"{counted(bad, 'frame')} corrupt by the recorder's count, {percent:.3g} % "
+    text += f"(limit {CORRUPT_PERCENT:g} %)"
+    return level("images", text, frames_corrupt=bad, percent_corrupt=percent)
 
 
 def calibration(facts: Facts) -> Verdict:

@@ -11,6 +11,8 @@ from recorder.verify.verdict import Verdict, failed, ok, warning
 
 # A pause is as long as so many intervals.
 _PAUSE = 5.0
+# Of the irregular intervals: with more lost frames it is these that make them.
+_FEW_LOST = 0.1
 # Less of the rate that a camera was set to.
 _SLOWER = 0.9
 _CLOCKS_S = 1.0
@@ -81,7 +83,10 @@ def rate(facts: Facts) -> Verdict:
     irregular = f"{percent:.1f} % of the intervals off by half of one or more"
     text = f"{hz:.2f} frames/s, "
     if percent > IRREGULAR_PERCENT:
-        return failed("rate", f"{text}but {irregular} (limit {IRREGULAR_PERCENT:g} %)", **values)
+        irregular += f" (limit {IRREGULAR_PERCENT:g} %)"
+        if pace.lost.sum() < _FEW_LOST * np.count_nonzero(pace.off):
+            irregular += ": frames came late, and then several at once; these are no capture times"
+        return failed("rate", f"{text}but {irregular}", **values)
     unusual = []
     steps_ns = np.diff(facts.timestamps_ns)
     made_up = np.where(pace.there & ~pace.lossy, pace.passed, 0.0)

@@ -9,15 +9,20 @@ from recorder.record_text import counts_text
 
 if TYPE_CHECKING:
     from replay.live.track import TrackStatus
+    from replay.live.tracking import Situation
 
 
 def status_text(status: TrackStatus) -> str:
     """One line, beside the number of frames and their rate."""
-    now = status.situation
     parts = [counts_text(status.recording)]
     if math.isfinite(status.latency.median_ms):
         parts.append(f"latency {status.latency}")
-    parts += [now.status, f"{now.n_used} markers"]
+    return ", ".join(parts)
+
+
+def situation_text(now: Situation) -> str:
+    """One line on where the robot is."""
+    parts = [now.status, f"{now.n_used} markers"]
     if math.isfinite(now.x_m):
         parts.append(f"x {now.x_m:.3f} y {now.y_m:.3f} m")
     if math.isfinite(now.yaw_rad):

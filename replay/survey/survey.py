@@ -83,17 +83,15 @@ def survey(
         on_step(f"{int(wrong.sum())} of {len(wrong)} sightings are off, and left out")
         rejected.update(int(marker_id) for marker_id in views.ids[wrong])
         views = views.moved(after.poses).select(~wrong).informative(options.fix)
-    if after.solution.sigma_px > _NO_FIT_PX:
-        raise ValueError(
-            f"expected corners that fit to {_NO_FIT_PX:g} px, found {after.solution.sigma_px:.1f} "
-            "px: is the map of this place, and the calibration this camera's?"
-        )
+    _refuse_misfit(after.solution)
     views = views.moved(after.poses)
     # Corners taken as independent would overrule the priors in what they hardly know: the map's
     # scale, which only the edges' inset tells apart from the height of the ceiling.
     dependence = uncertainty(after.problem, after.solution).dependence
     shared = after.solution.x[: after.problem.frame_start]
     after = _solve(views, camera, marker_map, options, options.fix, shared, dependence)
+    # What fitted by far too small a price for the priors does not any more.
+    _refuse_misfit(after.solution)
     before = _solve(views, camera, marker_map, options, set(marker_map.ids))
     done = _survey(views, before, after, marker_map, options, rejected, contradicted)
     if done.edge_sigmas > _NO_EDGE_SIGMAS:
@@ -102,6 +100,14 @@ def survey(
             f"found {done.edge_px:.2f} px: are the markers' sizes and places of one scale?"
         )
     return done
+
+
+def _refuse_misfit(solution: Solution) -> None:
+    if solution.sigma_px > _NO_FIT_PX:
+        raise ValueError(
+            f"expected corners that fit to {_NO_FIT_PX:g} px, found {solution.sigma_px:.1f} px: is "
+            "the map of this place and in metres, and the calibration this camera's?"
+        )
 
 
 def _contradicted(views: Views, wrong: BoolArray, fixed: Collection[int]) -> tuple[int, ...]:

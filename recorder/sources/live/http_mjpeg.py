@@ -20,6 +20,7 @@ from recorder.sources.live.multipart import CutError, Part, parts
 from recorder.sources.live.stream import SILENCE_S, ConnectionLost, LiveCamera, Received
 
 _CONNECT_S = 5.0
+_HOST = re.compile(r"(\[.*\]|[^:]*)(:\d*)?")
 # Cameras that take no header for it: ?user=admin&pwd=...
 _SECRETS = re.compile(r"([?&][^=&#]*(?:pass|pwd|token|secret|auth|key)[^=&#]*=)[^&#]*", re.I)
 
@@ -164,6 +165,9 @@ def without_password(url: str) -> str:
     url = _SECRETS.sub(r"\1***", url)
     scheme, separator, rest = url.partition("://")
     place, slash, path = rest.partition("/")
+    if "@" not in place and not _HOST.fullmatch(place):
+        # A password with a slash in it, which is not to be shown either.
+        place, slash, path = rest, "", ""
     user, at, host = place.rpartition("@")
     if not at:
         return url
@@ -186,7 +190,8 @@ def _split(url: str, spec: str) -> SplitResult:
             return address
     except ValueError:
         pass
-    raise InputError(spec, "expected a URL such as http://HOST:PORT/PATH, found another one")
+    hint = " (in a password / is %2F, @ is %40)" if "@" in url else ""
+    raise InputError(spec, f"expected a URL such as http://HOST:PORT/PATH, found another one{hint}")
 
 
 def _content_type(headers: Message) -> str:
