@@ -43,7 +43,9 @@ def check(map_path: Path, strict: bool, as_json: bool) -> None:
 
     Errors: what keeps it from being read (ids twice or outside the dictionary, wrong shapes),
     markers that overlap, mirrored ones, impossible sizes and distances. Warnings: markers that are
-    tilted, off the others' plane, of another size or far away; no room for a quiet zone.
+    tilted, off the others' plane or grid, turned unlike them, of another size or far away; what
+    looks like radians, centimetres or millimetres; no room for a quiet zone. With fewer than four
+    markers little can be compared, with fewer than eight no grid and no yaw.
     """
     import json
 

@@ -75,6 +75,7 @@ def markers(
         raise click.UsageError("expected --size-mm or --size-m, found both")
     if map_path is not None and dictionary is not None:
         raise click.UsageError("the map says the dictionary: leave --dictionary out")
+    other_size = None
     given_m = size_m if size_m is not None else None if size_mm is None else size_mm / 1000.0
     if given_m is not None and given_m < _SMALLEST_M:
         raise click.UsageError(
@@ -100,6 +101,7 @@ def markers(
                 raise click.ClickException(f"{map_path}: expected id {missing[0]}, found none")
             prints = tuple(by_id[i] for i in wanted)
         if given_m is not None:
+            other_size = _other_size_text(map_path, [item.size_m for item in prints], given_m)
             prints = tuple(Print(item.id, given_m, item.note) for item in prints)
         dictionary, inverted = marker_map.dictionary, inverted or marker_map.inverted
     else:
@@ -117,7 +119,21 @@ def markers(
         except ValueError as error:
             raise click.ClickException(str(error)) from error
     write_output(output, made.data, force=force)
+    if other_size is not None:
+        click.echo(other_size, err=True)
     click.echo(
         f"{output}: {counted(made.markers, 'marker')} on {counted(made.pages, 'page')} "
         f"of {page.name}"
+    )
+
+
+def _other_size_text(map_path: Path, sizes_m: list[float], given_m: float) -> str | None:
+    """What the map says of markers that are printed in another size; None where it agrees."""
+    others = sorted({f"{1000.0 * size:g}" for size in sizes_m if abs(size - given_m) > 1e-6})
+    if not others:
+        return None
+    shown = ", ".join(others[:5]) + (", …" if len(others) > 5 else "")
+    return (
+        f"warning: {map_path} has markers of {shown} mm, printed are {1000.0 * given_m:g} mm: "
+        f"distances are wrong until its size_m is {given_m:g}"
     )

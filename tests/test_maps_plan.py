@@ -105,6 +105,7 @@ def test_a_marker_is_seen_however_large_the_site_is(apart_m: float) -> None:
     assert "dot:" not in text
     near = draw_plan(one("up", 0.0), "svg").data.decode()
     assert "not to scale" not in near
+    assert "1 marker of 0.2 m, DICT_6X6_50" in near
     assert "dot: its top left corner" in near
 
 

@@ -284,6 +284,22 @@ def test_markers_from_the_command_line(tmp_path: Path) -> None:
     assert run("--map", site, "-o", sheets, "--force").exit_code == 0
 
 
+def test_sheets_of_another_size_than_the_maps_are_told_of(tmp_path: Path) -> None:
+    sizes = ((0, 0.15), (1, 0.15), (2, 0.1))
+    placed = tuple(Marker.from_yaw(i, (i, 0.0, 0.0), 0.0, "up", size) for i, size in sizes)
+    site, sheets = tmp_path / "map.yaml", tmp_path / "a.pdf"
+    site.write_bytes(map_yaml(MarkerMap("map", "DICT_5X5_50", placed)))
+    done = run("--map", site, "--size-mm", "100", "-o", sheets)
+    assert done.exit_code == 0, done.output
+    assert done.stderr == (
+        f"warning: {site} has markers of 150 mm, printed are 100 mm: "
+        "distances are wrong until its size_m is 0.1\n"
+    )
+    for agreeing in ((), ("--ids", "2", "--size-m", "0.1"), ("--ids", "0-1", "--size-mm", "150")):
+        done = run("--map", site, "-o", sheets, "--force", *agreeing)
+        assert (done.exit_code, done.stderr) == (0, "")
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

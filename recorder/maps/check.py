@@ -9,7 +9,9 @@ from pathlib import Path
 from pipeline.markers import Marker, load_dictionary
 from recorder.errors import InputError
 from recorder.files.map_file import read_map
+from recorder.maps.few import few_findings
 from recorder.maps.findings import Checked, Finding, Severity
+from recorder.maps.pattern import pattern_findings
 from recorder.maps.plausibility import (
     direction_text,
     plausibility_findings,
@@ -17,6 +19,7 @@ from recorder.maps.plausibility import (
     tilt_deg,
 )
 from recorder.maps.spacing import Neighbour, nearest_neighbours, spacing_findings
+from recorder.maps.units import unit_findings
 
 # Each is the beginning of the next.
 _FAMILY_SIZES = (50, 100, 250, 1000)
@@ -68,6 +71,9 @@ def check_map(data: bytes, path: Path) -> MapCheck:
     found = [
         *(_unreadable(problem) for problem in reading.problems),
         *plausibility_findings(markers),
+        *unit_findings(markers),
+        *few_findings(markers),
+        *pattern_findings(markers),
         # What a marker of 150 m covers says nothing about where it is.
         *spacing_findings([marker for marker in markers if plausible_size(marker)], modules),
         *_smaller_dictionary(reading.dictionary, markers),

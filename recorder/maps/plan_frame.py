@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from pipeline.markers import MarkerMap
+from recorder.info_text import counted
 from recorder.maps.plausibility import direction_text
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def draw_foot(
     backs = ": those facing down show their back, mirrored" if looked_down_on else ""
     smallest_mm, largest_mm = (size * 1000.0 / scale for size in (sizes[0], sizes[-1]))
     lines = [
-        f"{title + ': ' if title else ''}{len(marker_map.markers)} markers of {side} m, "
+        f"{title + ': ' if title else ''}{counted(len(marker_map.markers), 'marker')} of {side} m, "
         f"{marker_map.dictionary}, frame {marker_map.frame}",
         f"1 : {scale}, seen {_SEEN[view]}{backs}",
         "arrow: up in the print (edge-on: out of the face)"

@@ -15,7 +15,7 @@ from recorder.maps.findings import Finding
 
 _SAME_DIRECTION_DEG = 20.0
 # With fewer there is no saying who is the odd one.
-_FEWEST = 4
+FEWEST = 4
 # Ceilings are flat; walls and boards lean.
 _TILT_DEG = 1.0
 _WALL_TILT_DEG = 3.0
@@ -30,7 +30,7 @@ _UNEVEN_SHARE = 0.02
 _FAR = 4.0
 _LEAST_FAR_M = 1.0
 # Millimetres for metres: no camera is within sight of a marker all along such a way.
-_LOST_M = 100.0
+LOST_M = 100.0
 _SITE_M = 1000.0
 _COARSE_STD_M = 0.5
 
@@ -94,7 +94,7 @@ def _mirrored(markers: Sequence[Marker], groups: list[list[int]]) -> list[Findin
     for larger in groups:
         normal = _middle_direction([markers[i] for i in larger])
         for smaller in groups:
-            if len(smaller) >= len(larger) or len(larger) < _FEWEST - 1:
+            if len(smaller) >= len(larger) or len(larger) < FEWEST - 1:
                 continue
             for i in smaller:
                 marker = markers[i]
@@ -130,9 +130,9 @@ def _tilted(markers: Sequence[Marker], groups: list[list[int]]) -> list[Finding]
     largest = [markers[i] for i in groups[0]]
     for group in groups:
         members = [markers[i] for i in group]
-        if len(members) < _FEWEST:
+        if len(members) < FEWEST:
             few = 10 * len(members) <= len(markers) or (
-                len(members) < len(largest) >= _FEWEST - 1
+                len(members) < len(largest) >= FEWEST - 1
                 and all(_in_plane_of(largest, marker) for marker in members)
             )
             if few and not _axis_parallel(members):
@@ -175,7 +175,7 @@ def _off_plane(markers: Sequence[Marker], groups: list[list[int]]) -> list[Findi
     for group in groups:
         members = [markers[i] for i in group]
         normal = _middle_direction(members)
-        if len(members) < _FEWEST or abs(normal[2]) < np.cos(np.radians(45.0)):
+        if len(members) < FEWEST or abs(normal[2]) < np.cos(np.radians(45.0)):
             continue
         heights = np.array([marker.centre_m @ normal for marker in members]) * np.sign(normal[2])
         off = heights - np.median(heights)
@@ -206,7 +206,7 @@ def _sizes(markers: Sequence[Marker]) -> list[Finding]:
     median = float(np.median(sizes))
     spread = np.abs(sizes / median - 1.0)
     limit = max(_SIZE_SHARE, _ODD * float(np.median(spread)))
-    if len(markers) >= _FEWEST:
+    if len(markers) >= FEWEST:
         for marker, share in zip(markers, spread, strict=True):
             if share > limit and plausible_size(marker):
                 text = (
@@ -242,19 +242,19 @@ def _far_away(markers: Sequence[Marker]) -> list[Finding]:
     np.fill_diagonal(distances, np.inf)
     nearest = distances.min(axis=1)
     usual_m = float(np.median(nearest))
-    lost = nearest > _LOST_M
+    lost = nearest > LOST_M
     # What a few that are lost stretch is told of them.
     common = centres if 2 * lost.sum() > len(markers) else centres[~lost]
     extent_m = float(np.ptp(common, axis=0).max())
     spread = f"the markers are spread over {extent_m:.0f} m, {usual_m:.2f} m from one to the next"
-    if usual_m > _LOST_M:
+    if usual_m > LOST_M:
         text = f"{spread}: are the places in metres, not in millimetres?"
         return [Finding("error", "extent", (), text)]
     found = []
     if extent_m > _SITE_M:
         text = f"{spread}: are these places of one site, in metres?"
         found.append(Finding("warning", "extent", (), text))
-    limit_m = max(_FAR * usual_m, _LEAST_FAR_M) if len(markers) >= _FEWEST else np.inf
+    limit_m = max(_FAR * usual_m, _LEAST_FAR_M) if len(markers) >= FEWEST else np.inf
     for marker, distance, is_lost in zip(markers, nearest, lost, strict=True):
         if is_lost or distance > limit_m:
             text = f"marker {marker.id} is {distance:.2f} m from the nearest other; " + (

@@ -11,13 +11,12 @@ from pipeline.geometry import Array, wrap_angle
 from recorder.bench.check.findings import Place, TruthFinding, places
 from recorder.files.truth_entries import TruthFile
 from recorder.files.truth_file import Truth, TruthPath
+from recorder.radians import looks_like_radians
 
 _OFF_DEG = 20.0
 # Nearer to a corner than this, a heading may be that of either side.
 _CORNER_M = 0.1
 _FEWEST = 3
-# Quarter turns in radians are written with two digits after the point, or more.
-_RADIANS_OFF = 0.006
 
 
 def unit_findings(file: TruthFile) -> Iterator[TruthFinding]:
@@ -27,11 +26,10 @@ def unit_findings(file: TruthFile) -> Iterator[TruthFinding]:
     for label, angle in headings:
         if not angle:
             continue
-        quarters = round(angle / (math.pi / 2))
         if abs(angle) > 360:
             text = f"{label} has a heading of {angle:g} degrees: more than a turn"
             yield TruthFinding("warning", "heading", label, text)
-        elif 1 <= abs(quarters) <= 4 and abs(angle - quarters * math.pi / 2) < _RADIANS_OFF:
+        elif looks_like_radians(angle):
             text = f"{label} has a heading of {angle:g} degrees, which looks like radians"
             yield TruthFinding("warning", "heading", label, text)
 
