@@ -10,11 +10,10 @@ from pipeline.geometry import wrap_angle
 from pipeline.markers import Marker
 from recorder.maps.findings import Finding
 from recorder.maps.grid import grid_findings
-from recorder.maps.plausibility import direction_groups, direction_text
+from recorder.maps.plausibility import SAME_WAY_COS, direction_groups, direction_text
 from recorder.maps.units import in_radians
 
 _FEWEST = 8
-_FLAT_COS = float(np.cos(np.radians(20.0)))
 _MOST_TURNED = 2
 _TURNED_DEG = 5.0
 # Five robust standard deviations.
@@ -28,7 +27,7 @@ def pattern_findings(markers: Sequence[Marker]) -> list[Finding]:
         members = [markers[i] for i in group]
         if len(members) >= _FEWEST:
             found += _turned(members)
-            if abs(float(np.median([marker.normal[2] for marker in members]))) > _FLAT_COS:
+            if abs(float(np.median([marker.normal[2] for marker in members]))) > SAME_WAY_COS:
                 found += grid_findings(members)
     return found
 

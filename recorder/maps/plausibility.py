@@ -13,11 +13,16 @@ from pipeline.geometry import Array
 from pipeline.markers import Marker
 from recorder.maps.findings import Finding
 
-_SAME_DIRECTION_DEG = 20.0
+# Markers that face the same way to 20 degrees.
+SAME_WAY_COS = float(np.cos(np.radians(20.0)))
 # With fewer there is no saying who is the odd one.
 FEWEST = 4
+MIRRORED = (
+    "a wrong facing, or corners not in the order top left, top right, bottom right, bottom left as "
+    "one sees them"
+)
 # Ceilings are flat; walls and boards lean.
-_TILT_DEG = 1.0
+TILT_DEG = 1.0
 _WALL_TILT_DEG = 3.0
 _OFF_PLANE_M = 0.02
 # Five robust standard deviations: rarer than once in a million.
@@ -61,7 +66,7 @@ def plausible_size(marker: Marker) -> bool:
 def direction_groups(markers: Sequence[Marker]) -> list[list[int]]:
     """Indices of the markers that face the same way to 20 degrees, the largest group first."""
     normals = np.array([marker.normal for marker in markers])
-    near = normals @ normals.T > np.cos(np.radians(_SAME_DIRECTION_DEG))
+    near = normals @ normals.T > SAME_WAY_COS
     left = np.ones(len(markers), dtype=bool)
     groups = []
     while left.any():
@@ -98,13 +103,11 @@ def _mirrored(markers: Sequence[Marker], groups: list[list[int]]) -> list[Findin
                 continue
             for i in smaller:
                 marker = markers[i]
-                opposite = marker.normal @ normal < -np.cos(np.radians(_SAME_DIRECTION_DEG))
+                opposite = marker.normal @ normal < -SAME_WAY_COS
                 if opposite and _in_plane_of([markers[k] for k in larger], marker):
                     text = (
                         f"marker {marker.id} faces {direction_text(marker.normal)}, the "
-                        f"{len(larger)} others in its plane {direction_text(normal)}: a wrong "
-                        "facing, or corners not in the order top left, top right, bottom right, "
-                        "bottom left as one sees them"
+                        f"{len(larger)} others in its plane {direction_text(normal)}: {MIRRORED}"
                     )
                     found.append(Finding("error", "mirrored", (marker.id,), text))
     return found
@@ -114,10 +117,9 @@ def _facing_away(markers: Sequence[Marker]) -> list[Finding]:
     """All of a map the wrong way round shows only in where the floor is."""
     up = np.array([marker.normal[2] for marker in markers])
     height_m = float(np.median([marker.centre_m[2] for marker in markers]))
-    flat = np.cos(np.radians(_SAME_DIRECTION_DEG))
-    if height_m > 1.5 and (up > flat).all():
+    if height_m > 1.5 and (up > SAME_WAY_COS).all():
         side = f"up at a height of {height_m:.2f} m: only a camera above that sees them"
-    elif height_m < 0.3 and (up < -flat).all():
+    elif height_m < 0.3 and (up < -SAME_WAY_COS).all():
         side = f"down at a height of {height_m:.2f} m: only a camera below the floor sees them"
     else:
         return []
@@ -146,7 +148,7 @@ def _tilted(markers: Sequence[Marker], groups: list[list[int]]) -> list[Finding]
         angles = np.degrees([_angle(marker.normal, normal) for marker in members])
         # The angles of random tilts about two axes: their median is 1.18 sigma.
         flat = abs(normal[2]) > np.cos(np.radians(45.0))
-        limit = max(_TILT_DEG if flat else _WALL_TILT_DEG, 4.0 * float(np.median(angles)))
+        limit = max(TILT_DEG if flat else _WALL_TILT_DEG, 4.0 * float(np.median(angles)))
         for marker, angle in zip(members, angles, strict=True):
             if angle > limit:
                 text = (
@@ -166,7 +168,7 @@ def _in_plane_of(members: Sequence[Marker], marker: Marker) -> bool:
 
 
 def _axis_parallel(members: Sequence[Marker]) -> bool:
-    return all(tilt_deg(marker) < _TILT_DEG for marker in members)
+    return all(tilt_deg(marker) < TILT_DEG for marker in members)
 
 
 def _off_plane(markers: Sequence[Marker], groups: list[list[int]]) -> list[Finding]:

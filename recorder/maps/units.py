@@ -8,7 +8,7 @@ import numpy as np
 
 from pipeline.markers import Marker
 from recorder.maps.findings import Finding
-from recorder.maps.plausibility import FEWEST, LOST_M, plausible_size
+from recorder.maps.plausibility import FEWEST, LOST_M, SAME_WAY_COS, plausible_size
 from recorder.maps.spacing import nearest_neighbours
 from recorder.radians import looks_like_radians
 
@@ -16,7 +16,6 @@ _HEIGHTS_M = (-5.0, 50.0)
 # Sides from one marker to the next: a camera that reads a marker of 20 pixels has both in a
 # picture that is 3000 wide.
 _MOST_SIDES = 150.0
-_FLAT_COS = float(np.cos(np.radians(20.0)))
 
 
 def unit_findings(markers: Sequence[Marker]) -> list[Finding]:
@@ -59,7 +58,7 @@ def _lengths(markers: Sequence[Marker]) -> list[Finding]:
             "are the places in metres?"
         )
         return [Finding("warning", "extent", (), text)]
-    flat = np.array([abs(float(marker.normal[2])) > _FLAT_COS for marker in markers])
+    flat = np.array([abs(float(marker.normal[2])) > SAME_WAY_COS for marker in markers])
     height_m = float(np.median([marker.centre_m[2] for marker in markers]))
     low, high = _HEIGHTS_M
     if 2 * flat.sum() > len(markers) and not low <= height_m <= high:

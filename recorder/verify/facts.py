@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from recorder.bench.marks import Mark, MarkReader, is_mark
 from recorder.image_decoding import flaw
 from recorder.image_header import image_fault, image_size
-from recorder.log import topics
+from recorder.log import ending, topics
 from recorder.log.counts import said_counts
 from recorder.log.damage import Damage
 from recorder.log.mcap_records import checksum_problem, index_problem
@@ -117,6 +117,12 @@ class Facts:
         """(P,) how many of the parts up to each follow one that is not here."""
         before = [0, *(part.number for part in self.parts[:-1])]
         return np.cumsum([part.number - b != 1 for part, b in zip(self.parts, before, strict=True)])
+
+    @property
+    def all_here(self) -> bool:
+        """Whether no part is missing, before, between or behind those that are here."""
+        goes_on = ending.next_part((self.parts[-1].end or {}).get("ended", ""))
+        return goes_on is None and not self.unseen.any()
 
     @property
     def adjoin(self) -> NDArray[np.bool_]:
