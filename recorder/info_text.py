@@ -76,11 +76,16 @@ def _recorded(recorded: Mapping[str, Any]) -> str:
     """What the recorder counted, without what it did not find."""
     parts = [f"{recorded[name]} {what}" for name, what in _COUNTS.items() if recorded.get(name)]
     if lost := recorded.get("connection_lost"):
-        times = "once" if lost == 1 else f"{lost} times"
-        seconds = f"{recorded.get('connection_lost_s', 0.0):.1f} s"
-        back = ", and not back at the end" if recorded.get("connection_lost_at_end") else ""
-        parts.append(f"connection lost {times}, for {seconds} in all{back}")
+        seconds, at_end = recorded.get("connection_lost_s"), recorded.get("connection_lost_at_end")
+        parts.append(outage_text(lost, seconds or 0.0, at_end=bool(at_end)))
     return ", ".join(parts)
+
+
+def outage_text(count: int, seconds: float, *, at_end: bool) -> str:
+    """Lost connections, `seconds` in all."""
+    times = "once" if count == 1 else f"{count} times"
+    end = ", and not back at the end" if at_end else ""
+    return f"connection lost {times}, for {seconds:.1f} s in all{end}"
 
 
 def _time(info: LogInfo) -> str:

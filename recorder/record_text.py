@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from recorder.info_text import counted
+from recorder.info_text import counted, outage_text
 from recorder.log import topics
 from recorder.quantities import size_text
 
 if TYPE_CHECKING:
-    from recorder.capture.outages import Outages
     from recorder.capture.recording import Status
     from recorder.log.counts import FrameCounts
     from recorder.record import RecordSummary
@@ -53,7 +52,8 @@ def summary_text(summary: RecordSummary) -> str:
         f"{size_text(summary.bytes_written)}, {_faults(summary.counts)}"
     ]
     if summary.outages.count:
-        lines.append(_outages(summary.outages))
+        lost = summary.outages
+        lines.append(outage_text(lost.count, lost.seconds, at_end=lost.at_end))
     if summary.missing:
         options = " and ".join(_OPTIONS[name] for name in summary.missing)
         lines.append(f"without {' and '.join(summary.missing)}: replay needs {options}")
@@ -89,12 +89,6 @@ def ending_text(summary: RecordSummary, *, endless: bool = False) -> str | None:
     if summary.outages.at_end:
         return "Error: the camera was lost; the log is complete up to then"
     return None
-
-
-def _outages(outages: Outages) -> str:
-    times = "once" if outages.count == 1 else f"{outages.count} times"
-    end = ", and not back at the end" if outages.at_end else ""
-    return f"connection lost {times}, for {outages.seconds:.1f} s in all{end}"
 
 
 def _faults(counts: FrameCounts) -> str:
